@@ -58,6 +58,7 @@ HEADINGS = {
     "Circle": "[[rigid]]: a circle",
     "Sphere": "[[rigid]]: a sphere",
     "Cylinder": "[[rigid]]: a cylinder",
+    "Node": "[[rigid]]: a node",
     "History": "[history.NAME]",
     "Time": "[time]",
     "Cycle": "cycle of load steps",

@@ -20,6 +20,9 @@ KEEPS = 1e-9
 ALONG = 0.97
 """Least cosine between the normals of straight facets and the directions of supports at their nodes."""
 
+DIFFERENTLY = "temperatures that change in different ways in one body"
+"""Why a body has no one history of its temperature."""
+
 Key = tuple[float, str | None]
 """The value of a load, and its history."""
 
@@ -41,16 +44,12 @@ class Acts:
         family: str,
         cuts: Sequence[Cut],
     ) -> None:
-        self.model, self.notes, self.matter, self.pieces, self.cuts = (
-            model,
-            notes,
-            matter,
-            pieces,
-            cuts,
-        )
+        self.model, self.notes, self.matter = model, notes, matter
+        self.pieces, self.cuts = pieces, cuts
         self.axisymmetric = family == "CAX"
         self.axes = "xyz" if family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
+        self.rigid_nodes = model.rigid_nodes
         friction = any("FRICTION" in of for of in model.interactions.values())
         odd = [
             acting
@@ -136,18 +135,15 @@ class Acts:
         )
         # in directions of *TRANSFORM, by component and whether it is moved: direction by place
         turned: dict[tuple[int, bool], dict[int, np.ndarray]] = defaultdict(dict)
+        # those of them that are along x, y or z
+        ways: dict[int, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
         zero = Counter(
             node
             for (node, component), acting in supports.items()
             if component <= d and not any(value for _, value in acting.course)
         )
-        for (node, component), acting in supports.items():
-            if node not in piece.place or (component > d and not acting.course[-1][1]):
-                continue
-            if component > d:
-                self.notes.add("lost", acting.card, "a displacement out of the plane")
-                continue
+        for node, component, acting in self._held(piece):
             # where all components are zero, their directions do not matter
             way = (
                 self._way(piece, node, component)[:d]
@@ -156,11 +152,32 @@ class Acts:
             )
             (value, history), main = self.factor(acting), int(np.abs(way).argmax())
             if abs(abs(way[main]) - 1.0) < EXACT:
+                if node in self.model.transforms and not value:
+                    ways[component][piece.place[node]] = way
                 at[main][bool(value), history][piece.place[node]] = value * np.sign(way[main])
             else:
                 turned[component, bool(value)][piece.place[node]] = way
                 cards[component] = acting.card
-        found = self._guided(piece, turned, cards)
+        found, guided = self._guided(piece, turned, ways, cards)
+        for component, place in guided:  # by their faces, and not along an axis as well
+            main = int(np.abs(ways[component][place]).argmax())
+            at[main][False, None].pop(place, None)
+        return found + self._together(piece, at)
+
+    def _held(self, piece: Piece) -> Iterable[tuple[int, int, Acting]]:
+        """The node, the component and the value of each support of a body in the directions of the scene."""
+        for (node, component), acting in self.model.kinds["supports"].items():
+            if node not in piece.place or node in self.rigid_nodes:
+                continue
+            if component <= len(self.axes):
+                yield node, component, acting
+            elif acting.course[-1][1]:
+                self.notes.add("lost", acting.card, "a displacement out of the plane")
+
+    def _together(
+        self, piece: Piece, at: dict[int, dict[tuple[bool, str | None], dict[int, float]]]
+    ) -> list[dict[str, Any]]:
+        """Clamps of values by component, history and place; of the same nodes they are one."""
         together: dict[tuple[bytes, str | None], tuple[np.ndarray, dict[str, Any]]] = {}
         for component, by_history in sorted(at.items()):
             for (_, history), held in by_history.items():
@@ -168,7 +185,7 @@ class Acts:
                 for some, value in _alike(piece, places, values):
                     _, entry = together.setdefault((some.tobytes(), history), (some, {}))
                     entry[self.axes[component]] = value
-        return found + [
+        return [
             {"on": self._named(piece, some, "fixed")} | entry | later(history)
             for (_, history), (some, entry) in together.items()
         ]
@@ -177,15 +194,19 @@ class Acts:
         self,
         piece: Piece,
         turned: dict[tuple[int, bool], dict[int, np.ndarray]],
+        along: dict[int, dict[int, np.ndarray]],
         cards: dict[int, Card],
-    ) -> list[dict[str, Any]]:
-        """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these."""
-        found = []
+    ) -> tuple[list[dict[str, Any]], set[tuple[int, int]]]:
+        """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these; and the
+        places, by component, of those `along` x, y or z that these faces have too."""
+        found, guided = [], set[tuple[int, int]]()
         for (component, moved), ways in turned.items():
             given = np.full(
                 (len(piece.nodes) + 1, len(self.axes)), np.nan
             )  # −1, no node, is the last
-            given[list(ways)] = list(ways.values())
+            for some in (along.get(component, {}), ways):
+                if some:
+                    given[list(some)] = list(some.values())
             facets = piece.whole(~np.isnan(given[:-1, 0]))
             mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
             facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
@@ -198,7 +219,9 @@ class Acts:
                 )
             else:
                 found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
-        return found
+                on = set(piece.facets[facets].ravel().tolist())
+                guided |= {(component, place) for place in along.get(component, ()) if place in on}
+        return found, guided
 
     def loads(self) -> dict[str, list[dict[str, Any]]]:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
@@ -239,12 +262,7 @@ class Acts:
             )
         for piece in self.pieces:
             found[piece.name] += self._forces(piece)
-        inside = (
-            fluid
-            | self.home.keys()
-            | self.model.bolt_nodes
-            | {node for rigid in self.model.rigid for node in (rigid.ref, rigid.turn)}
-        )
+        inside = fluid | self.home.keys() | self.model.bolt_nodes | self.rigid_nodes
         for (node, _), acting in self.model.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
                 self.notes.add("lost", acting.card, "a force at a node of no body")
@@ -284,7 +302,7 @@ class Acts:
         cards: dict[int, Card] = {}
         for (node, component), acting in self.model.kinds["forces"].items():
             value, history = self.factor(acting)
-            if self.home.get(node) is piece and value:
+            if self.home.get(node) is piece and node not in self.rigid_nodes and value:
                 k, way = (
                     piece.place[node],
                     self._flat(acting.card, self._way(piece, node, component)),
@@ -375,7 +393,8 @@ class Acts:
             return None
         history, *others = fields
         for other in others:
-            self.notes.add("lost", fields[other][0], "volume forces that change in different ways")
+            words = "volume forces that change in different ways"
+            self.notes.lost_between_steps(fields[other][0], words)
         constant, *slopes = fields[history][1]
         force = [formula(float(constant[k]), np.array(slopes)[:, k], self.axes) for k in range(d)]
         return {"value": force, "history": history} if history else force
@@ -407,7 +426,7 @@ class Acts:
             end[k] = start[k] + rise
             histories |= {history} if rise else set()
         if len(histories) > 1:
-            self.notes.add("lost", card, "temperatures that change in different ways in one body")
+            self.notes.lost_between_steps(card, DIFFERENTLY)
         names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
         uniform = np.ptp(start) == np.ptp(end) == 0.0
         fields, expansions = [], {}

@@ -130,6 +130,38 @@ SILENT = frozenset(
 )
 """Keywords about output, those that count where others name them, and those of elements that are lost themselves."""
 
+WITHOUT_EFFECT = {
+    word: what
+    for what, words in {
+        "heat changes no static answer": "CONDUCTIVITY SPECIFICHEAT LATENTHEAT GAPCONDUCTANCE GAPHEATGENERATION "
+        "INELASTICHEATFRACTION JOULEHEATFRACTION",
+        "currents change no static answer": "ELECTRICALCONDUCTIVITY MAGNETICPERMEABILITY",
+        "speeds change no static answer": "DAMPING CONTACTDAMPING",
+    }.items()
+    for word in words.split()
+}
+"""Keywords of data that other programs write always, and why they change nothing here."""
+
+PERTURBATIONS = frozenset(
+    (
+        "FREQUENCY",
+        "BUCKLE",
+        "COMPLEXFREQUENCY",
+        "MODALDYNAMIC",
+        "STEADYSTATEDYNAMICS",
+        "GREEN",
+        "SENSITIVITY",
+        "SUBSTRUCTUREGENERATE",
+        "NOANALYSIS",
+    )
+)
+"""Steps that leave the state of a deck as it is."""
+
+OF_STEPS = frozenset(
+    ("STATIC", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE", "MODELCHANGE", "CHANGESOLIDSECTION")
+)
+"""Keywords that have no meaning outside of steps."""
+
 REFUSED = {
     "EQUATION": "equations between nodes",
     "MPC": "constraints between nodes",
@@ -274,6 +306,11 @@ def component(word: str) -> int:
     return integer(word)
 
 
+def called(name: str) -> str:
+    """A name as it is compared: without blanks, and whatever its case."""
+    return "".join(name.split()).lower()
+
+
 def numbers(row: list[str]) -> list[float]:
     """The numbers of a data line; empty entries are zero."""
     return [number(word) if word else 0.0 for word in row]
@@ -334,6 +371,10 @@ class Card(NamedTuple):
     def says(self, name: str, default: str = "") -> str:
         """The value of a parameter in capitals, or the default."""
         return self.given.get(name, default).upper()
+
+    def name_of(self, name: str) -> str:
+        """The value of a parameter as names are compared; empty where it is not given."""
+        return called(self.given.get(name, ""))
 
     def values(self) -> list[float]:
         """The numbers of the first data line, if there is one. Raises DeckError."""
@@ -398,10 +439,16 @@ class Notes:
 
     def __init__(self, main: Path) -> None:
         self.main, self.entries = main, list[tuple[str, Card, str]]()
+        self.cases = False  # whether it would help to import one step alone
 
     def add(self, which: str, card: Card, reason: str) -> None:
         """Note in a list what became of a keyword."""
         self.entries.append((which, card, reason))
+
+    def lost_between_steps(self, card: Card, reason: str) -> None:
+        """Note what is lost as it changes from step to step in ways that a scene has not."""
+        self.add("lost", card, reason)
+        self.cases = True
 
     def words(self, which: str) -> list[str]:
         """A line of text for each entry of a list, in the order of the deck. A keyword that is lost, if only in part,
@@ -430,15 +477,28 @@ class Instance(NamedTuple):
     place: list[list[str]]
 
 
-def _headed(line: str) -> tuple[str, dict[str, str]]:
-    """A keyword in capitals with single blanks, and its parameters."""
+def _headed(line: str) -> tuple[str, dict[str, str], str]:
+    """A keyword in capitals with single blanks, its parameters, and one that it has twice with two values."""
     word, *rest = line[1:].split(",")
-    parts = [entry.partition("=") for entry in rest]
-    return " ".join(word.split()).upper(), {
-        "".join(name.split()).upper(): value.strip().strip('"')
-        for name, _, value in parts
-        if name.strip()
-    }
+    given, twice = dict[str, str](), ""
+    for name, _, value in (entry.partition("=") for entry in rest):
+        key, value = "".join(name.split()).upper(), value.strip().strip('"')
+        twice = key if given.get(key, value) != value else twice
+        given |= {key: value} if key else {}
+    return " ".join(word.split()).upper(), given, twice
+
+
+def _goes_on(line: str, following: str) -> bool:
+    """Whether a line after that of a keyword, which ends with a comma, has more parameters, and no data."""
+    word = "".join(line[1:].partition(",")[0].split()).upper()
+    if following.startswith("*"):
+        return False
+    parts = [entry.partition("=") for entry in following.split(",") if entry.strip()]
+    known = PARAMETERS.get(word, frozenset())
+    return all(
+        equal or "".join(name.split()).upper() in known or name.strip().upper() == "INPUT"
+        for name, equal, _ in parts
+    )
 
 
 def factors(amplitude: Card) -> np.ndarray:
@@ -505,14 +565,12 @@ def _read(path: Path, cards: list[Card], within: tuple[Path, ...]) -> None:
                 )
             cards[-1].rows.append([entry.strip() for entry in line.rstrip(", ").split(",")])
             continue
-        while (
-            line.endswith(",")
-            and (k == begin or "=" in lines[k][1])
-            and not lines[k][1].startswith("*")
-        ):
+        while line.endswith(",") and _goes_on(line, lines[k][1]):
             line, k = line + lines[k][1], k + 1
-        name, given = _headed(line)
+        name, given, twice = _headed(line)
         card = Card(name.replace(" ", ""), given, [], number, path, name)
+        if twice:
+            raise InputError(card.tells(f"it has two {twice}"))
         if card.word != "INCLUDE":
             cards.append(card)
         if card.word == "INCLUDE" or (card.word in PARAMETERS and "INPUT" in given):

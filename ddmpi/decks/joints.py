@@ -1,68 +1,75 @@
-"""What joins the bodies of a deck: contacts and ties, the sections of bolts, and rigid sets of nodes."""
+"""What joins the bodies of a deck: contacts and ties, and the sections of bolts."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import EXACT, Card, Rigid, number
-from ddmpi.decks.pieces import Piece, formula, own_name
+from ddmpi.decks.cards import Acting, Card, called, number
+from ddmpi.decks.pieces import Piece
 from ddmpi.errors import InputError
-from ddmpi.system.numbers import ROUNDING
+
+Side = tuple[Piece, np.ndarray]
+"""A body, and its facets of a surface."""
 
 
 class Joints:
-    """What joins the bodies of a deck, as entries of a scene.
-
-    Attributes
-    ----------
-    clamps, tractions : of rigid sets, by body
-    partners, held : rigid partners of rigid sets, and the contacts with them
-    """
+    """What joins the bodies of a deck, as entries of a scene."""
 
     def __init__(self, acts: Acts) -> None:
         self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
-        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.partners: list[dict[str, Any]] = []
-        self.held: list[dict[str, Any]] = []
-        for rigid in self.model.rigid:
-            own, reason = self.acts.at(rigid.nodes), "its nodes are no whole faces of one body"
-            free = np.isnan(self._parts("supports", rigid)[0]).all()
-            points = len(own) == 1 and not len(own[0][1]) and free
-            if len(own) == 1 and own[0][2]:
-                reason = self._take(rigid, *own[0][:2])
-            elif points:
-                patches, _ = own[0][0].patches(np.flatnonzero(own[0][0].within(rigid.nodes)))
-                facets = np.unique(np.concatenate([facets for facets, _ in patches] or [own[0][1]]))
-                if len(facets):
-                    reason = self._take(rigid._replace(spread=True), own[0][0], facets)
-                    self.notes.add(
-                        "changed",
-                        rigid.card,
-                        "points alone hold nothing in a solid; the loads on "
-                        "them are spread over the faces around them",
-                    )
+        self.cleared: list[Card] = []
+        self.met: list[
+            tuple[Card, tuple[bool, float], dict[str, set[int]]]
+        ] = []  # faces in contact so far
+
+    def unmet(self) -> None:
+        """Note clearances of surfaces that are in no contact."""
+        for clearance in self.model.clearances.values():
+            if clearance not in self.cleared:
+                self.notes.add("lost", clearance, "no *CONTACT PAIR has these surfaces")
+
+    def _again(
+        self,
+        card: Card,
+        laws: tuple[bool, float],
+        slave: Piece,
+        on: np.ndarray,
+        master: Piece,
+        against: np.ndarray,
+    ) -> bool:
+        """Whether a contact of the same faces is there already, in either order. Those that share some of their faces
+        on both sides, or differ in their laws, are lost."""
+        sides = {slave.name: set(on.tolist()), master.name: set(against.tolist())}
+        for other, law, others in self.met:
+            if others.keys() != sides.keys() or any(
+                others[name].isdisjoint(sides[name]) for name in sides
+            ):
+                continue
+            if others == sides and law == laws:
+                return True
             self.notes.add(
-                "lost" if reason else "taken",
-                rigid.card,
-                reason
-                or (
-                    "forces spread over a face"
-                    if rigid.spread or points
-                    else "a face that moves as a rigid one"
-                ),
+                "lost", card, f"a contact beside that of line {other.line}, between the same faces"
             )
+        self.met.append((card, laws, sides))
+        return False
 
     def _side(self, card: Card, name: str) -> list[tuple[Piece, np.ndarray]]:
         """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
         if self.deck.key("SURFACE", card.scope, name):
-            return self.acts.on(self.deck.ends(card, name))
+            ends = set(self.deck.ends(card, name))
+            if inner := len(ends - self.acts.where.keys()):
+                self.notes.add(
+                    "changed",
+                    card,
+                    f"faces of the surface {name} that are on no boundary ({inner}) are left out",
+                )
+            return self.acts.on(ends)
         if not self.deck.key("NODES", card.scope, name):
             raise InputError(card.tells(f"there is no surface {name}"))
         sides = self.acts.at(self.deck.chosen(card, "NODES", name))
@@ -74,29 +81,13 @@ class Joints:
         self, card: Card, slave_surface: str, master_surface: str
     ) -> Iterable[dict[str, Any]]:
         """The contacts of a pair of surfaces, one for each two bodies that they have."""
-        notes, law = self.notes, dict[str, Card]()
-        if card.word != "TIE":
-            name = card.says("INTERACTION")
-            if name not in self.model.interactions:
-                raise InputError(card.tells(f"there is no *SURFACE INTERACTION {name}"))
-            law = self.model.interactions[name]
-        behaviour = law.get("SURFACEBEHAVIOR", card).says("PRESSURE-OVERCLOSURE")
-        tied = card.word == "TIE" or behaviour == "TIED"
-        coefficient = (
-            number(law["FRICTION"].rows[0][0])
-            if "FRICTION" in law and law["FRICTION"].rows
-            else 0.0
-        )
+        tied, friction = self._law(card)
         slaves, masters = (self._side(card, name) for name in (slave_surface, master_surface))
         held = set().union(
             {node for node, _ in self.model.kinds["supports"]},
             *(one.nodes for one in self.model.rigid),
         )
-        joined = [
-            (slave, on, master, against)
-            for (slave, on), (master, against) in product(slaves, masters)
-            if slave is not master
-        ]
+        joined = self._joined(card, (tied, friction), slaves, masters)
         for slave, on, master, against in joined:
             contact: dict[str, Any] = {
                 "bodies": [slave.name, master.name],
@@ -104,29 +95,20 @@ class Joints:
             }
             if tied:
                 contact["kind"] = "bonded"
-            elif coefficient:
-                contact["friction"] = {"law": "coulomb", "coefficient": coefficient}
-            if not tied and not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
+            elif friction:
+                contact["friction"] = {"law": "coulomb", "coefficient": friction}
+            if not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
                 contact["slave"] = slave.name  # supported or rigid all over it could be none
-            clearance, gap = (
-                self.model.clearances.get(
-                    frozenset((slave_surface.upper(), master_surface.upper()))
-                ),
-                None,
-            )
-            if clearance:
+            pair, gap = frozenset(map(called, (slave_surface, master_surface))), None
+            if clearance := self.model.clearances.get(pair):
                 gap = number(clearance.given["VALUE"])
-                notes.add("taken", clearance, "gap")
+                self.cleared.append(clearance)
+                self.notes.add("taken", clearance, "gap")
             elif not tied and card.says("ADJUST", "NO") != "NO":
                 gap = self._adjusted(card, slave, slave.heights(on, master, against))
             yield contact | ({} if gap is None else {"gap": gap})
-        own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
-        if own:
-            notes.add("lost", card, f"contact of {', '.join(sorted(own))} with itself")
-        elif not joined:
-            notes.add("lost", card, f"{slave_surface} or {master_surface} has no faces on a body")
         if joined:
-            notes.add("taken", card, "bonded contact" if tied else "contact")
+            self.notes.add("taken", card, "bonded contact" if tied else "contact")
         for slave, on in slaves if tied else ():
             found = [
                 slave.heights(on, master, against)
@@ -135,6 +117,34 @@ class Joints:
             ]
             if found:
                 self._tell_gap(card, slave.points[slave.facets[on][:, :2]], np.concatenate(found))
+
+    def _law(self, card: Card) -> tuple[bool, float]:
+        """Whether a pair of surfaces is tied, and its coefficient of friction. Raises InputError."""
+        law = dict[str, Card]()
+        if card.word != "TIE":
+            name = card.name_of("INTERACTION").upper()
+            if name not in self.model.interactions:
+                raise InputError(card.tells(f"there is no *SURFACE INTERACTION {name}"))
+            law = self.model.interactions[name]
+        behaviour = law.get("SURFACEBEHAVIOR", card).says("PRESSURE-OVERCLOSURE")
+        friction = number(law["FRICTION"].rows[0][0] or "0") if "FRICTION" in law else 0.0
+        return card.word == "TIE" or behaviour == "TIED", friction
+
+    def _joined(
+        self, card: Card, law: tuple[bool, float], slaves: Sequence[Side], masters: Sequence[Side]
+    ) -> list[tuple[Piece, np.ndarray, Piece, np.ndarray]]:
+        """The sides of a pair of surfaces by two bodies, without those that are in contact already."""
+        found = [(*a, *b) for a, b in product(slaves, masters) if a[0] is not b[0]]
+        fresh = [not self._again(card, law, *one) for one in found]
+        own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
+        if own:
+            self.notes.add("lost", card, f"contact of {', '.join(sorted(own))} with itself")
+        elif not found:
+            words = f"{card.rows and ' or '.join(card.rows[0][:2])} has no faces on a body"
+            self.notes.add("lost", card, words)
+        if not all(fresh):
+            self.notes.add("changed", card, "a contact that is there already is one contact")
+        return [one for one, new in zip(found, fresh, strict=True) if new]
 
     def _adjusted(self, card: Card, slave: Piece, heights: np.ndarray) -> float | None:
         """The gap by ADJUST of nodes of a slave with these heights (k,) over the master."""
@@ -182,141 +192,45 @@ class Joints:
                 self.model.kinds[kind].get((node, 1)) for kind in ("forces", "supports")
             )
             given = force or offset
-            if len(sides) != 1 or len(others) != 1 or not given or (force and offset):
-                self.notes.add(
-                    "lost",
-                    card,
-                    "a section that does not cut a body in two"
-                    if given
-                    else "a pre-tension whose node has neither a force nor a displacement",
-                )
+            cuts = len(sides) == len(others) == 1 and not (force and offset)
+            reason = self._shared(card, node) or _incomplete(given, cuts)
+            if reason or not given:
+                self.notes.add("lost", card, reason)
                 continue
             ((piece, facets),), ((other, against),) = sides, others
             if force and node in self.model.locked:  # after its last point the offset is kept
-                given = force._replace(
-                    course=tuple(p for p in force.course if p[0] <= self.model.locked[node])
-                )
+                kept = tuple(p for p in force.course if p[0] <= self.model.locked[node])
+                given = force._replace(course=kept)
             value, history = self.acts.factor(given)
             normal = piece.outward(facets)
             if card.rows and normal @ card.values()[: len(normal)] < 0.0:
-                value = (
-                    -value
-                )  # the normal that the card gives points into the elements of the surface
-            self.notes.add(
-                "taken", card, "a bond with a pretension" if force else "a bond over a gap"
-            )
+                value = -value  # its normal points into the elements of the surface
+            words = "a bond with a pretension" if force else "a bond over a gap"
+            self.notes.add("taken", card, words)
             bond: dict[str, Any] = {"bodies": [piece.name, other.name], "kind": "bonded"}
-            yield (
-                bond
-                | {"on": [piece.group(facets, "section"), other.group(against, "section")]}
-                | (
-                    {
-                        "pretension": {
-                            "force": value / self.acts.matter.depth,
-                            "along": normal.tolist(),
-                        }
-                        | later(history)
-                    }
-                    if force
-                    else {"gap": {"value": value} | later(history)}
-                )
-            )
+            on = [piece.group(facets, "section"), other.group(against, "section")]
+            pull = {"force": value / self.acts.matter.depth, "along": normal.tolist()}
+            how = {"pretension": pull} if force else {"gap": {"value": value}}
+            yield bond | {"on": on} | {key: entry | later(history) for key, entry in how.items()}
             if len(around):
-                self.notes.add(
-                    "changed",
-                    card,
-                    "the elements at the section are a body of their own, bonded "
-                    "to the others, which hang together without it",
-                )
+                words = "the elements at the section are a body of their own, bonded to the others, which hang together"
+                self.notes.add("changed", card, f"{words} without it")
                 yield bond | {
                     "on": [
                         one.group(one.whole(one.within(around)), "layer") for one in (piece, other)
                     ]
                 }
 
-    def _take(self, rigid: Rigid, piece: Piece, facets: np.ndarray) -> str:
-        """Write a rigid set that has whole faces of a body; the reason where it is not possible."""
-        axes = self.acts.axes
-        if len(axes) < 3:
-            return "in the plane"
-        (held, of_held), (loads, of_loads) = (
-            self._parts(kind, rigid) for kind in ("supports", "forces")
-        )
-        if np.nan_to_num([held[6:], loads[6:]]).any():
-            return "a node of rotations has components 1 to 3 alone"
-        held, loads = held[:6], loads[:6]
-        if len(of_held | of_loads) > 1:
-            return "its loads and displacements change in different ways"
-        more = later(next(iter(of_held | of_loads), None))
-        given, held, loads = ~np.isnan(held), np.nan_to_num(held), np.nan_to_num(loads)
-        pivot = np.array(self.model.deck.points[rigid.ref])
-        if rigid.spread:
-            if given.any():
-                return "a distributing coupling whose reference node is held"
-            (force, moment), (x, w) = np.split(loads, 2), piece.quadrature(facets, False)
-            centre = w @ x / w.sum()
-            moment = moment + np.cross(pivot - centre, force)  # about the centre of the faces
-            moment[
-                np.abs(moment) <= ROUNDING * np.abs(force).max() * np.abs([pivot, centre]).max()
-            ] = 0.0
-            on = piece.group(facets, "coupled")
-            self.tractions[piece.name] += [
-                {"on": on, key: value.tolist()} | more
-                for key, value in (("force", force), ("moment", moment))
-                if value.any()
-            ]
-            return ""
-        if given.all():  # u = u_r + θ × (x − x_r)
-            shift, turn = np.split(held, 2)
-            slopes = np.cross(turn, np.eye(3))  # row k: ∂u/∂x_k
-            self.clamps[piece.name].append(
-                {"on": piece.group(facets, "rigid")}
-                | {
-                    axis: formula(float(shift[k] - slopes[:, k] @ pivot), slopes[:, k], axes)
-                    for k, axis in enumerate(axes)
-                }
-                | more
-            )
-            return ""
-        normal = piece.outward(facets)
-        if np.abs(np.abs(piece.normals(facets) @ normal) - 1.0).max() > EXACT:
-            return "its faces are not flat"
-        if given[3:].any() and (not given[3:].all() or held[3:].any()):
-            return "some of its turns are given, and others are free"
-        partner: dict[str, Any] = {
-            "name": own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps]),
-            "shape": "plane",
-            "point": piece.points[piece.facets[facets[0], 0]].tolist(),
-            "normal": (-normal).tolist(),
-            "displacement": held[:3].tolist(),
-            "free": [
-                axis
-                for axis, one, load in zip(axes, given, loads, strict=False)
-                if not one and not load
-            ],
-        }
-        partner |= {"force": loads[:3].tolist()} if loads[:3].any() else {}
-        if not given[3:].any():
-            partner |= {"pivot": pivot.tolist()} | (
-                {"moment": loads[3:].tolist()} if loads[3:].any() else {"turns": True}
-            )
-        self.partners.append({key: value for key, value in partner.items() if value != []} | more)
-        self.held.append(
-            {
-                "bodies": [piece.name, partner["name"]],
-                "on": [piece.group(facets, "rigid")],
-                "kind": "bonded",
-            }
-        )
-        return ""
+    def _shared(self, card: Card, node: int) -> str:
+        """Why the node of a section cannot be that of this section alone; empty if it can."""
+        for one, *_ in self.acts.cuts:
+            if one is not card and self.model.node(one, one.given["NODE"]) == node:
+                return f"its node is also that of line {one.line}"
+        return "its node is the reference node of a rigid set" * (node in self.acts.rigid_nodes)
 
-    def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, set[str | None]]:
-        """Shifts or forces, and turns or moments of the reference nodes, and what has no meaning (9,), NaN where there
-        is none; and the histories of those that are not zero."""
-        values, histories = np.full(9, np.nan), set[str | None]()
-        for (node, component), acting in self.model.kinds[kind].items():
-            if node in (rigid.ref, rigid.turn):
-                value, history = self.acts.factor(acting)
-                values[component - 1 + 3 * (node == rigid.turn and rigid.turn != rigid.ref)] = value
-                histories |= {history} if value else set()
-        return values, histories
+
+def _incomplete(given: Acting | None, cuts: bool) -> str:
+    """Why a section is no bolt; empty if it is one."""
+    if not given:
+        return "a pre-tension whose node has neither a force nor a displacement"
+    return "" if cuts else "a section that does not cut a body in two"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card, DeckError, Notes, axes, numbers
+from ddmpi.decks.cards import Card, DeckError, Notes, axes, called, numbers
 from ddmpi.decks.deck import STRIDE
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, own_name
@@ -35,6 +35,8 @@ class Matter:
         self.model, self.notes, self.family = model, notes, family
         self.owner: dict[int, int] = {}  # section by element; the last one counts
         for k, (members, _, thick, _, card) in enumerate(model.sections):
+            if card.word != "CHANGESOLIDSECTION":
+                self._tell_others(k)
             self.owner |= dict.fromkeys(members, k)
             if thick < 0.0:
                 raise InputError(card.tells("the thickness is negative"))
@@ -48,6 +50,16 @@ class Matter:
                 "bodies in contact, have one depth"
             )
         self.depth = depths.pop() if family in ("CPE", "CPS") and len(depths) == 1 else 1.0
+
+    def _tell_others(self, k: int) -> None:
+        """Note the elements of a section that have another one before it."""
+        sections = self.model.sections
+        members, *own, card = sections[k]
+        before = {self.owner[element] for element in members if element in self.owner}
+        lines = [sections[j][4].line for j in before if [*sections[j][1:4]] != own]
+        if lines:
+            words = f"elements that line {', '.join(map(str, sorted(lines)))} gives another section"
+            self.notes.add("changed", card, f"{words} have this one, as in CalculiX")
 
     def sections(self, piece: Piece) -> dict[int, np.ndarray]:
         """The sections of a body, and their elements. Raises InputError for elements without one."""
@@ -86,9 +98,11 @@ class Matter:
         """(3, 3) rows are the axes of a section's material."""
         if not orientation:
             return np.eye(3)
-        if orientation not in self.model.orientations:
+        known = self.model.orientations
+        own = f"{called(card.scope)}.{orientation}"
+        if own not in known and orientation not in known:
             raise InputError(card.tells(f"there is no *ORIENTATION {orientation}"))
-        given = self.model.orientations[orientation]
+        given = known[own if own in known else orientation]
         turned = len(given.rows) > 1 and any(numbers(given.rows[1])[1:])
         return np.zeros((3, 3)) if given.says("SYSTEM", "R")[0] != "R" or turned else axes(given)
 

@@ -10,15 +10,19 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.cards import (
+    OF_STEPS,
     PARAMETERS,
+    PERTURBATIONS,
     REFUSED,
     SILENT,
+    WITHOUT_EFFECT,
     Acting,
     Card,
     DeckError,
     Notes,
     Rigid,
     along,
+    called,
     component,
     entry,
     factors,
@@ -28,7 +32,7 @@ from ddmpi.decks.cards import (
     numbers,
     vector,
 )
-from ddmpi.decks.deck import Deck
+from ddmpi.decks.deck import STRIDE, Deck
 from ddmpi.decks.pieces import nodes_of_faces
 from ddmpi.errors import InputError
 
@@ -73,23 +77,23 @@ class Model:
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
         self.changing: list[tuple[Card, str]] = []  # what differs from step to step, and is no load
-        self._named = {card.says("NAME"): card for card in deck.cards if card.word == "AMPLITUDE"}
+        self._named = self._by_name("AMPLITUDE")
         for text in amplitudes:  # NAME=time,factor,…
             name, _, values = text.partition("=")
-            if name.upper() not in self._named:
+            if called(name) not in self._named:
                 raise InputError(f"--amplitude {text}: it has no *AMPLITUDE {name}")
-            card = self._named[name.upper()]
-            self._named[name.upper()] = card._replace(given={}, rows=[values.split(",")])
+            card = self._named[called(name)]
+            self._named[called(name)] = card._replace(given={}, rows=[values.split(",")])
             notes.add("changed", card, "its times and factors are those of --amplitude")
         self.orientations = {
-            card.says("NAME"): card for card in deck.cards if card.word == "ORIENTATION"
+            name: self._standing(card) for name, card in self._by_name("ORIENTATION").items()
         }
-        self.transforms = {
-            node: card
-            for card in deck.cards
-            if card.word == "TRANSFORM"
-            for node in self._of(card, "NSET", card.given.get("NSET", ""))
-        }
+        self.transforms: dict[int, Card] = {}
+        for card in deck.cards:
+            if card.word == "TRANSFORM":
+                self._on_transform_of_nodes(card)
+        self.large = False  # whether a step has NLGEOM
+        self.left_out = set[int]()  # places of the cards of steps that leave the state as it is
         self.rigid: list[Rigid] = []
         self.bolts = [card for card in deck.cards if card.word == "PRE-TENSIONSECTION"]
         self.bolt_nodes = {
@@ -105,13 +109,51 @@ class Model:
             if key in card.given
             for node in self._of(card, "NSET", card.given[key])
         }
+        self.rigid_nodes = set[int]()  # reference nodes of rigid sets, and their nodes of rotations
+        self._coupling: Rigid | None = None  # a *COUPLING before its second keyword
+        self._defined: dict[tuple[str, str], Card] = {}
         self._within, self._inside = (
             "",
             dict[str, Card](),
         )  # the material or interaction whose keywords follow
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
+        self._since = 0  # place of the first card of this step
+        self._opened: dict[str, Card] = {}  # the first card of each kind in a step
         self._read()
+
+    def _by_name(self, word: str) -> dict[str, Card]:
+        """The cards of a keyword by their names, which within an instance begin with it. Raises InputError."""
+        found: dict[str, Card] = {}
+        for card in self.deck.cards:
+            if card.word == word:
+                scope = f"{called(card.scope)}." if card.scope and word == "ORIENTATION" else ""
+                with card.reading():
+                    name = card.given["NAME"]
+                    other = found.setdefault(scope + called(name), card)
+                    if other.place != card.place:
+                        words = f"there is one of the name {name} on line {other.line} already"
+                        raise DeckError(words)
+        return found
+
+    def _standing(self, card: Card) -> Card:
+        with card.reading():
+            return self.deck.stands(card)
+
+    def _on_transform_of_nodes(self, card: Card) -> None:
+        """Note the directions of *TRANSFORM for its nodes. Raises InputError where nodes have others already."""
+        standing = self._standing(card)
+        for node in self._of(card, "NSET", card.given.get("NSET", "")):
+            other = self.transforms.setdefault(node, standing)
+            if (other.rows, other.says("TYPE", "R")[:1]) != (
+                standing.rows,
+                standing.says("TYPE", "R")[:1],
+            ):
+                raise InputError(
+                    card.tells(
+                        f"the node {node % STRIDE} has another *TRANSFORM on line {other.line}"
+                    )
+                )
 
     def temperatures(self, nodes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """(n,) the temperatures of nodes at first and at the end."""
@@ -137,53 +179,77 @@ class Model:
         return nodes.pop()
 
     def _read(self) -> None:
-        steps: list[list[Card]] = []
-        inside = None
-        for card in self.deck.cards:
-            if card.word == "STEP":
-                if inside is not None:
-                    raise InputError(
-                        inside.tells("the step does not end before the next one begins")
-                    )
-                inside = card
-                steps.append([])
-            take = self._take if inside is None else steps[-1].append
-            take(card)
-            inside = None if card.word == "ENDSTEP" else inside
-        if inside is not None:
-            raise InputError(
-                inside.tells("the step that begins here does not end; is the deck cut off?")
-            )
+        steps = self._steps()
         # a step that is not static is called by its first keyword that static ones do not have
         ways = [
             next((card for card in step if card.word == "STATIC"), None)
             or next((card for card in step if not self._known(card.word)), step[0])
             for step in steps
         ]
-        if not any(way.word == "STATIC" for way in ways):
-            what = (
-                f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}"
-                if steps
-                else " (is it cut off?)"
-            )
+        static = [k for k, way in enumerate(ways) if way.word == "STATIC"]
+        if not static:
+            what = " (is it cut off?)"
+            if steps:
+                what = f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}"
             raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
-        for step, way in zip(steps, ways, strict=True):
+        for k, (step, way) in enumerate(zip(steps, ways, strict=True)):
+            others = [card.line for card in step if card.word == way.word and card.rows != way.rows]
+            if others:
+                raise InputError(way.tells(f"line {others[0]} gives the same step other times"))
             if way.word == "STATIC":
                 with way.reading():
                     self._follow(step, way)
+            elif k > static[-1] and any(card.word in PERTURBATIONS for card in step):
+                words = "this step is left out, as are its loads and supports; the scene is that "
+                self.notes.add("changed", way, words + "of the *STATIC steps before")
+                self.left_out |= {card.place for card in step}
             else:
                 self.notes.add("lost", way, "only *STATIC steps are computed")
-        # elastic bodies without friction forget the way to a state, unless the offset of a bolt is kept
-        forgets = not self.locked and not any(
-            "FRICTION" in law for law in self.interactions.values()
-        )
+        self.rigid_nodes = {node for rigid in self.rigid for node in (rigid.ref, rigid.turn)}
+        self._tell_changes()
+
+    def _steps(self) -> list[list[Card]]:
+        """The keywords of each step; those outside of steps are taken. Raises InputError."""
+        steps: list[list[Card]] = []
+        inside, early = None, list[Card]()
+        for card in self.deck.cards:
+            if card.word == "STEP":
+                if inside is not None:
+                    words = "the step does not end before the next one begins"
+                    raise InputError(inside.tells(words))
+                inside = card
+                steps.append([])
+            if inside is not None:
+                steps[-1].append(card)
+            elif card.word == "ENDSTEP":
+                raise InputError(card.tells("no *STEP begins before it"))
+            else:
+                early += [card] if card.word in OF_STEPS else []
+                self._take(card)
+            inside = None if card.word == "ENDSTEP" else inside
+        if inside is not None:
+            words = "the step that begins here does not end; is the deck cut off?"
+            raise InputError(inside.tells(words))
+        for card in early:
+            if steps and card.place < steps[-1][0].place:
+                words = "it stands in no *STEP, and counts from the beginning of the next one"
+                self.notes.add("changed", card, words)
+            else:
+                self.notes.add("lost", card, "it stands after the last *STEP")
+        return steps
+
+    def _tell_changes(self) -> None:
+        """Note what changes from step to step. Elastic bodies without friction forget the way to a state, unless the
+        offset of a bolt is kept."""
+        friction = any("FRICTION" in law for law in self.interactions.values())
+        forgets = not self.locked and not friction
         self.final = forgets and bool(self.changing)
+        words = ": only the state at the end of the last step is computed"
         for card, what in self.changing:
-            self.notes.add(
-                "changed" if forgets else "lost",
-                card,
-                what + ": only the state at the end of the last step is computed" * forgets,
-            )
+            if forgets:
+                self.notes.add("changed", card, what + words)
+            else:
+                self.notes.lost_between_steps(card, what)
 
     def _follow(self, cards: list[Card], way: Card) -> None:
         """Take the cards of a step, and follow all loads and supports to its end."""
@@ -192,10 +258,11 @@ class Model:
         if end <= begin:
             raise DeckError("the time of a step is not positive")
         if cards[0].says("NLGEOM", "NO") != "NO":
+            self.large = True
             self.notes.add(
                 "changed", cards[0], "warning: NLGEOM: displacements and strains are small here"
             )
-        self._renewed = set()
+        self._renewed, self._opened, self._since = set(), {}, cards[0].place
         for card in cards:
             self._take(card)
         for kind, acting in self.kinds.items():
@@ -223,7 +290,7 @@ class Model:
 
     def _goes_on(self, card: Card) -> bool:
         """Whether a load follows an amplitude of the total time, in later steps too."""
-        amplitude = self._named.get(card.says("AMPLITUDE"))
+        amplitude = self._named.get(card.name_of("AMPLITUDE"))
         return amplitude is not None and "TOTAL" in amplitude.says("TIME")
 
     def _course(
@@ -233,9 +300,9 @@ class Model:
         name = card.says("AMPLITUDE")
         if not name:
             return [(end, value)]
-        if name not in self._named:
+        if called(name) not in self._named:
             raise InputError(card.tells(f"there is no *AMPLITUDE {name}"))
-        given = self._named[name]
+        given = self._named[called(name)]
         way, form = given.says("DEFINITION", "TABULAR"), given.says("VALUE")
         if way != "TABULAR" or "USER" in given.given or form == "ABSOLUTE":
             self.notes.add(
@@ -260,8 +327,15 @@ class Model:
 
     def _take(self, card: Card) -> None:
         """Note what one keyword says. Raises InputError."""
-        if card.word in REFUSED:
+        if self._coupling and card.word not in ("KINEMATIC", "DISTRIBUTING"):
+            raise InputError(
+                self._coupling.card.tells("neither *KINEMATIC nor *DISTRIBUTING follows it")
+            )
+        if card.word in WITHOUT_EFFECT:
+            self.notes.add("changed", card, f"left out: {WITHOUT_EFFECT[card.word]}")
+        elif card.word in REFUSED:
             self.notes.add("lost", card, f"{REFUSED[card.word]}: not possible")
+            self._within = "CHANGED" if card.word.startswith("CHANGE") else self._within
         elif not self._known(card.word):
             self.notes.add("lost", card, "this keyword is not known")
         elif method := self._method(card.word):
@@ -273,28 +347,29 @@ class Model:
         return getattr(self, f"_on_{word.lower().replace('-', '_')}", None)
 
     def _known(self, word: str) -> bool:
-        return (
-            self._method(word) is not None
-            or word in SILENT
-            or word in PARAMETERS
-            or word in REFUSED
-        )
+        known = (SILENT, PARAMETERS, REFUSED, WITHOUT_EFFECT)
+        return self._method(word) is not None or any(word in words for words in known)
 
     def _on_material(self, card: Card) -> None:
-        of, name = (
-            self.materials if card.word == "MATERIAL" else self.interactions,
-            card.given["NAME"].upper(),
-        )
-        if name in of and not card.scope:
-            raise DeckError(f"there are two of the name {name}")
+        of = self.materials if card.word == "MATERIAL" else self.interactions
+        name = called(card.given["NAME"]).upper()
+        other = self._defined.setdefault((card.word, name), card)
+        if other.place != card.place:
+            raise DeckError(
+                f"there are two of the name {card.says('NAME')}; the other is on line {other.line}"
+            )
         self._within, self._inside = card.word, of.setdefault(name, {})
 
     _on_surfaceinteraction = _on_material
 
     def _keep(self, card: Card, within: str = "MATERIAL") -> None:
+        if self._within == "CHANGED":  # in a step; that this changes is lost
+            return
         if self._within != within.replace(" ", ""):
             raise DeckError(f"it does not follow *{within}")
-        self._inside[card.word] = card
+        other = self._inside.setdefault(card.word, card)
+        if other.place != card.place and (other.rows, other.given) != (card.rows, card.given):
+            raise DeckError(f"there is one of this *{within} on line {other.line} already")
 
     def _on_elastic(self, card: Card) -> None:
         self._keep(card)
@@ -314,6 +389,8 @@ class Model:
 
     def _on_friction(self, card: Card) -> None:
         self._keep(card, "SURFACE INTERACTION")
+        if not card.rows or number(entry(card.rows[0], 0, "0")) < 0.0:
+            raise DeckError("it needs a coefficient of friction, which is not negative")
         if len(card.rows) > 1:
             self.notes.add("lost", card, "friction other than Coulomb's with one coefficient")
         if any(card.values()[1:2]):
@@ -324,9 +401,9 @@ class Model:
         self.sections.append(
             (
                 self.deck.chosen(card, "ELSET", card.given["ELSET"]),
-                card.given["MATERIAL"].upper(),
+                called(card.given["MATERIAL"]).upper(),
                 [*card.values(), 0.0][0] or 1.0,
-                card.says("ORIENTATION"),
+                card.name_of("ORIENTATION"),
                 card,
             )
         )
@@ -341,8 +418,12 @@ class Model:
             return self.notes.add(
                 "lost", card, "parts that are removed or added, or contacts that are added"
             )
-        ends = [" ".join(row[:2]).upper() for row in card.rows]
-        self.pairs = [pair for pair in self.pairs if " ".join(pair[1:]).upper() not in ends]
+        ends = [tuple(map(called, row[:2])) for row in card.rows]
+        there = [tuple(map(called, pair[1:])) for pair in self.pairs]
+        for end in ends:
+            if end not in there:
+                self.notes.add("lost", card, f"there is no *CONTACT PAIR of {' and '.join(end)}")
+        self.pairs = [pair for pair, end in zip(self.pairs, there, strict=True) if end not in ends]
         self.changing.append((card, "a contact that is removed"))
 
     def _on_contactpair(self, card: Card) -> None:
@@ -354,20 +435,47 @@ class Model:
         if "VALUE" not in card.given:
             self.notes.add("lost", card, "a clearance without one VALUE")
         else:
-            self.clearances.setdefault(frozenset((card.says("SLAVE"), card.says("MASTER"))), card)
+            pair = frozenset((card.name_of("SLAVE"), card.name_of("MASTER")))
+            other = self.clearances.setdefault(pair, card)
+            if number(other.given["VALUE"]) != number(card.given["VALUE"]):
+                raise DeckError(f"line {other.line} gives another clearance of these surfaces")
 
     def _renew(self, kind: str, card: Card) -> None:
         """OP=NEW, once a step, removes what acted before."""
         if card.says("OP") == "NEW" and kind not in self._renewed:
+            if self._opened.get(kind):
+                self.notes.add(
+                    "lost",
+                    card,
+                    f"OP=NEW after line {self._opened[kind].line} of this step, which has not",
+                )
+            words = {acting.card.word for acting in self.kinds[kind].values()} | {card.word}
+            if {"DLOAD", "DSLOAD"} <= words:
+                self.notes.add(
+                    "lost",
+                    card,
+                    "OP=NEW beside *DLOAD and *DSLOAD, of which programs remove one or both",
+                )
             self._renewed.add(kind)
             if not self.ends:
                 self._fresh[kind] = {}
+        self._opened.setdefault(kind, card)
 
     def _add(self, kind: str, key: Any, card: Card, value: float) -> None:
         """A load, which adds to those of the same step at the same place."""
         other, before = self._fresh[kind].get(key, (card, 0.0))
         self._fresh[kind][key] = card, before + value
-        if other.given.get("AMPLITUDE") != card.given.get("AMPLITUDE"):
+        if other.place != card.place:
+            self.notes.add(
+                "taken",
+                card,
+                f"added to line {other.line} where places are the same, as in CalculiX",
+            )
+        ways = {
+            (one.name_of("AMPLITUDE"), number(one.given.get("TIMEDELAY") or "0"))
+            for one in (other, card)
+        }
+        if len(ways) > 1:
             self.notes.add(
                 "lost", card, "a load beside another one of this step with another amplitude"
             )
@@ -379,27 +487,38 @@ class Model:
             self.locked |= dict.fromkeys(fixed, self.ends[-1])
             return
         if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.says("TYPE", "D")[0] != "D":
-            self.notes.add(
-                "lost", card, "displacements of another model, a routine, or of the step before"
-            )
+            words = "displacements of another model, a routine, or of the step before"
+            self.notes.add("lost", card, words)
             return
         for row in card.rows:
-            components, value = held(row)
             for node in self.deck.chosen(card, "NSET", row[0]):
-                most = 6 if node in self._refs else 3
-                self._fresh["supports"] |= {
-                    (node, k): (card, value) for k in components if k <= most
-                }
-                if components[-1] > most and (value or components[0] > 3):
-                    self.notes.add("lost", card, f"component {components[-1]} of the displacement")
+                self._hold(card, node, *held(row))
         self.notes.add("taken", card, "clamps")
+
+    def _hold(self, card: Card, node: int, components: Sequence[int], value: float) -> None:
+        """A support of a node; the last one of a step counts."""
+        most = 6 if node in self._refs else 3
+        for k in (k for k in components if k <= most):
+            other, before = self._fresh["supports"].get((node, k), (card, value))
+            if before != value and other.place >= self._since:
+                words = f"line {other.line} gives another displacement of the same nodes"
+                self.notes.add("changed", card, f"{words}; the last one counts, as in CalculiX")
+            self._fresh["supports"][node, k] = card, value
+        if components[-1] > 6 or (components[-1] > most and value):
+            self.notes.add("lost", card, f"component {components[-1]} of the displacement")
+        elif components[0] > most:
+            words = "nodes of solids have no turns: components 4 to 6 have no effect"
+            self.notes.add("changed", card, words)
 
     def _on_cload(self, card: Card) -> None:
         self._renew("forces", card)
         for row in card.rows:
             for node in self.deck.chosen(card, "NSET", row[0]):
                 if component(row[1]) > (6 if node in self._refs else 3):
-                    self.notes.add("lost", card, "moments at nodes")
+                    if number(entry(row, 2, "0")):
+                        self.notes.add("lost", card, "moments at nodes")
+                elif node in self.bolt_nodes and component(row[1]) > 1 and number(row[2]):
+                    self.notes.add("lost", card, "a pre-tension has the component 1 alone")
                 else:
                     self._add("forces", (node, component(row[1])), card, number(row[2]))
         self.notes.add("taken", card, "forces")
@@ -408,6 +527,7 @@ class Model:
         surface = card.word == "DSLOAD"
         for kind in ("pressures", "body_forces")[: 2 - surface]:
             self._renew(kind, card)
+        before = self._pulled()
         for row in card.rows:
             what, label, values = row[0], row[1].upper(), numbers(row[2:])
             way: tuple[float, ...] = ()
@@ -416,30 +536,45 @@ class Model:
                 ends, words = self.deck.ends(card, what), "pressure on a surface"
                 way = (*along(values[1:4]).tolist(),) if label == "TRVEC" else ()
             elif not surface and re.fullmatch(r"P\d(NP)?", label):
-                ends, words = (
-                    product(self.deck.chosen(card, "ELSET", what), [int(label[1])]),
-                    "pressure",
-                )
+                ends = product(self.deck.chosen(card, "ELSET", what), [int(label[1])])
+                words = "pressure"
                 if label[2:]:  # P1NP is that of a fluid at a node, the second component there
                     way, values = (self.node(card, row[2]),), [0.0]
             elif not surface and label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
-                self.deck.chosen(card, "ELSET", what)
-                slopes = np.zeros((3, 3))
-                if label == "CENTRIF":  # ω² times the distance from the axis through a place
-                    slopes = np.eye(3) - np.outer(along(values[4:7]), along(values[4:7]))
-                    constant = -slopes @ vector(values[1:4])
-                else:
-                    constant = (
-                        along(values[1:4]) if label == "GRAV" else np.eye(3)["XYZ".index(label[1])]
-                    )
-                words, way = "volume force", (*constant, *slopes.ravel())
-                self._add("body_forces", (what.lower(), card.scope, label, way), card, values[0])
+                words = "volume force"
+                self._body_force(card, what, label, values)
             else:
                 self.notes.add("lost", card, f"the load {label}")
                 continue
             for element, face in ends:
+                if len(way) == 3 and before.get((element, face), way) != way:
+                    words = "TRVEC in another direction than in the step before; OP=NEW would replace that"
+                    self.notes.add("lost", card, words)
                 self._add("pressures", (element, face, way), card, values[0])
             self.notes.add("taken", card, words)
+
+    def _pulled(self) -> dict[tuple[int, int], tuple[float, ...]]:
+        """The directions of TRVEC of the steps before, by element and face, unless OP=NEW ends them."""
+        acting = {} if "pressures" in self._renewed else self.kinds["pressures"]
+        return {key[:2]: key[2] for key, one in acting.items() if len(key[2]) == 3 and one.value}
+
+    def _body_force(self, card: Card, what: str, label: str, values: list[float]) -> None:
+        """A load on the volume of elements, which adds to others of its kind in another direction."""
+        self.deck.chosen(card, "ELSET", what)
+        slopes = np.zeros((3, 3))
+        if label == "CENTRIF":  # ω² times the distance from the axis through a place
+            slopes = np.eye(3) - np.outer(along(values[4:7]), along(values[4:7]))
+            constant = -slopes @ vector(values[1:4])
+        elif label == "GRAV":
+            constant = along(values[1:4])
+        else:
+            constant = np.eye(3)["XYZ".index(label[1])]
+        way, key = (*constant, *slopes.ravel()), (called(what), card.scope, label)
+        acting = {} if "body_forces" in self._renewed else self.kinds["body_forces"]
+        if any(one[:3] == key and one[3] != way and load.value for one, load in acting.items()):
+            words = f"{label} adds to that of the step before, which has another direction or axis"
+            self.notes.add("changed", card, f"{words}, as in CalculiX; OP=NEW would replace it")
+        self._add("body_forces", (*key, way), card, values[0])
 
     _on_dsload = _on_dload
 
@@ -465,14 +600,27 @@ class Model:
         except DeckError:
             ends = set(self.deck.ends(card, name))
             nodes = set(nodes_of_faces(self.deck.blocks, ends)[:, :4].ravel().tolist()) - {-1}
-        self.rigid.append(Rigid(card, nodes, ref, ref))
+        self._coupling = Rigid(card, nodes, ref, ref)
 
     def _on_kinematic(self, card: Card) -> None:
-        if [row for row in card.rows if integer(row[0]) > 1 or integer(entry(row, 1, "1")) < 3]:
+        if self._coupling is None:
+            raise DeckError("it does not follow *COUPLING")
+        nodes, spread = self._coupling, card.word == "DISTRIBUTING"
+        self.rigid.append(nodes._replace(spread=spread))
+        self._coupling = None
+        if card.says("WEIGHTINGMETHOD", "UNIFORM") != "UNIFORM":
+            self.notes.add("lost", card, "weights that are not uniform")
+        ranges = [
+            (integer(row[0]), integer(entry(row, 1, row[0])))
+            for row in card.rows
+            if row[0].isdigit()
+        ]
+        if card.rows and not {1, 2, 3} <= {
+            k for first, last in ranges for k in range(first, last + 1)
+        }:
             self.notes.add("lost", card, "a coupling of some components only")
 
-    def _on_distributing(self, card: Card) -> None:
-        self.rigid[-1] = self.rigid[-1]._replace(spread=True)
+    _on_distributing = _on_kinematic
 
     def _on_temperature(self, card: Card) -> None:
         self._renew("heat", card)

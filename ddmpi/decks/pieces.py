@@ -278,7 +278,10 @@ class Piece:
         return np.array(found)
 
     def write(self, path: Path) -> None:
-        """Write the mesh as an input of Abaqus with sets of nodes, elements, and surfaces of faces."""
+        """Write the mesh as an input of Abaqus with sets of nodes, elements, and surfaces of faces; one of the whole
+        boundary where nothing else names a part of it."""
+        if not self.groups and not self.sets:
+            self.group(np.arange(len(self.facets)), "boundary")
         lines = ["*NODE"]
         lines += [
             f"{number % STRIDE}, {', '.join(map(repr, at))}"

@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, DeckError, Notes, axes
+from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, DeckError, Notes, axes, called
 from ddmpi.decks.deck import STRIDE, Deck
 from ddmpi.decks.joints import Joints
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Cut, Piece, cut, own_name, rows_of, split
+from ddmpi.decks.rigid import RigidSets
 from ddmpi.errors import InputError, TakenError
-from ddmpi.scene.reader import write_toml
+from ddmpi.scene.reader import read_scene, write_toml
 
 VARIANTS = {
     "": "",
@@ -52,7 +53,7 @@ class Importer:
             if card.word in ("TRANSFORM", "ORIENTATION") and card.says("SYSTEM", "R")[0] == "R":
                 with card.reading():
                     axes(card)
-            for name in card.given:
+            for name in card.given if card.place not in self.model.left_out else ():
                 if name not in PARAMETERS.get(card.word, card.given) and not (
                     name == "PERTURBATION" and linear
                 ):
@@ -123,7 +124,7 @@ class Importer:
     def _element_sets(self) -> dict[frozenset[int], str]:
         """Names of sets of elements by their members; those of sections first; within instances their names."""
         found: dict[frozenset[int], str] = {}
-        of_sections = {card.given["ELSET"].lower() for *_, card in self.model.sections}
+        of_sections = {called(card.given["ELSET"]) for *_, card in self.model.sections}
         named = {key: name for (kind, key), name in self.deck.names.items() if kind == "ELSET"}
         for key in sorted(named, key=lambda key: key.rpartition(".")[2] not in of_sections):
             scope = key.rpartition(".")[0]
@@ -134,7 +135,12 @@ class Importer:
     def scene(self, title: str) -> dict[str, Any]:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
         bodies = []
-        acts, tractions, joints = self.acts, self.acts.loads(), Joints(self.acts)
+        acts, tractions, joints, sets = (
+            self.acts,
+            self.acts.loads(),
+            Joints(self.acts),
+            RigidSets(self.acts),
+        )
         for piece in self.pieces:
             heat, expansions = acts.heat(piece)
             materials = self.matter.of(piece, expansions)
@@ -142,14 +148,15 @@ class Importer:
                 "name": piece.name,
                 "mesh": {"file": f"{piece.name}.inp", "order": self.order},
                 "material": materials[0] if len(materials) == 1 else materials,
-                "clamp": acts.clamps(piece) + joints.clamps[piece.name],
-                "traction": tractions[piece.name] + joints.tractions[piece.name],
+                "clamp": acts.clamps(piece) + sets.clamps[piece.name],
+                "traction": tractions[piece.name] + sets.tractions[piece.name],
                 "volume_force": acts.volume_forces(piece),
                 "temperature": heat,
             }
             bodies.append({key: value for key, value in body.items() if value not in (None, [])})
         contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
-        contacts += [*joints.held, *joints.bolts()]
+        joints.unmet()
+        contacts += [*sets.bonds, *joints.bolts()]
         names: list[str] = []
         for contact in contacts:
             names.append(own_name("-".join(contact["bodies"]), names))
@@ -165,7 +172,7 @@ class Importer:
             "title": title,
             "axisymmetric": self.family == "CAX" or None,
             "body": bodies,
-            "rigid": joints.partners,
+            "rigid": sets.partners,
             "contact": [{"name": contact["name"]} | contact for contact in contacts],
             "history": histories,
         }
@@ -205,11 +212,15 @@ def import_deck(
     if lists["lost"] and not partial:
         raise InputError(
             f"{deck}: a scene would be another problem without what is not possible; nothing is written "
-            "(--partial writes it all the same)" + "".join(f"\n  {line}" for line in lists["lost"])
+            "(--partial writes it all the same)"
+            + "".join(f"\n  {line}" for line in lists["lost"])
+            + "\n  if its steps are load cases, keep one step per deck" * importer.notes.cases
         )
+    tried = write_toml(scene)
+    kind = 2 if importer.family != "C3D" else 3, importer.order
+    read_scene(f"{deck}: its scene", tried, file_kind=lambda spec: kind)
     text = (
-        f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n"
-        + write_toml(scene)
+        f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n" + tried
     )
     files = ["scene.toml", *(f"{piece.name}.inp" for piece in importer.pieces)]
     there = [name for name in files if (folder / name).exists()]
@@ -221,6 +232,19 @@ def import_deck(
     for piece in importer.pieces:
         piece.write(folder / f"{piece.name}.inp")
     (folder / "scene.toml").write_text(text, encoding="utf-8")
+    return _told(importer, scene, lists, folder)
+
+
+def _told(
+    importer: Importer, scene: dict[str, Any], lists: dict[str, list[str]], folder: Path
+) -> str:
+    """The lists, with the units and the size of the scene."""
+    touched = {name for contact in scene.get("contact", []) for name in contact["bodies"]}
+    loose = [
+        body["name"]
+        for body in scene["body"]
+        if "clamp" not in body and body["name"] not in touched
+    ]
     return "\n".join(
         [
             *(
@@ -234,6 +258,10 @@ def import_deck(
                 else "labelled m and Pa; others: length_unit, stress_unit of [output]"
             )
             + "\n",
+            *(
+                f"warning: no support and no contact holds {name}; what acts on it must be in balance\n"
+                for name in loose
+            ),
             f"{folder / 'scene.toml'}: {_count(len(importer.pieces), 'body', 'bodies')}, "
             + _count(len(scene.get("contact", [])), "contact", "contacts"),
         ]

@@ -378,11 +378,7 @@ def file_groups(
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
     alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
     if not any((*kinds, alone)):
-        raise InputError(
-            f"{label} has no named physical groups of {CELLS[d - 1, 1].names}; clamps, tractions and "
-            "contacts refer to boundaries by such names: "
-            f'{PHYSICAL[d - 1].title()}("left") = {{4}};'
-        )
+        raise _without_groups(label, d)
     if part:  # groups of other parts are not of this one
         kinds = [{name: own for name, own in kind.items() if len(own)} for kind in kinds]
         alone = {
@@ -391,6 +387,17 @@ def file_groups(
             if np.isin(own, cells).any() or any(name in kind for kind in kinds)
         }
     return kinds[0], {} if d == 2 else kinds[1], alone
+
+
+def _without_groups(label: str, d: int) -> InputError:
+    """The error of a file without names, in the words of its format."""
+    what = f"no named physical groups of {CELLS[d - 1, 1].names}"
+    names = f'{PHYSICAL[d - 1].title()}("left") = {{4}};'
+    if label.lower().endswith(".inp"):
+        what = "no sets of nodes and no surfaces"
+        names = "*NSET, NSET=LEFT or *SURFACE, NAME=LEFT"
+    words = "clamps, tractions and contacts refer to boundaries by such names"
+    return InputError(f"{label} has {what}; {words}: {names}")
 
 
 def set_nodes(

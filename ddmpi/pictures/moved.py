@@ -117,7 +117,7 @@ def rigid_parts(
     """
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
     scene, surfaces, where = results.summary["scene"], list[Surface](), frames_at(results, time)
-    for rigid in msgspec.convert(scene.get("rigid", ()), list[Rigid]):
+    for rigid in _surfaces(scene):
         contacts = [contact for contact in scene["contact"] if contact["bodies"][1] == rigid.name]
         now = results.time if time is None else time
         moved = motion_at(results.summary, rigid, now) if going is None else going.get(rigid.name)
@@ -156,6 +156,12 @@ def rigid_parts(
             )
         surfaces.append(Surface(at + factor * moved.at(at), np.zeros((0, 3), int), filled("patch")))
     return surfaces
+
+
+def _surfaces(scene: Mapping[str, Any]) -> list[Rigid]:
+    """The rigid partners of a scene that have a surface."""
+    every = msgspec.convert(scene.get("rigid", ()), list[Rigid])
+    return [rigid for rigid in every if rigid.surface]
 
 
 def _around(rigid: Rigid, at: np.ndarray, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

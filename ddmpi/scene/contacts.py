@@ -177,7 +177,10 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     only_in: ClassVar[int | None] = None
     """The dimension of a shape that only one dimension has, or None."""
 
-    turned: ClassVar[str]
+    surface: ClassVar[bool] = True
+    """Whether bodies can touch it; without a surface they can be bonded to it alone, along their own normals."""
+
+    turned: ClassVar[str] = ""
     """Advice where the boundary of a body does not face it."""
 
     crossed: ClassVar[str] = ""
@@ -436,4 +439,14 @@ class Cylinder(Round, frozen=True, kw_only=True, tag="cylinder"):
         return vectors - (vectors @ axis)[..., None] * axis
 
 
-Rigid = Plane | Circle | Sphere | Cylinder
+class Node(RigidSurface, frozen=True, kw_only=True, tag="node"):
+    """A reference node: a rigid partner without a surface. All faces of bodies that are bonded to it, whichever way
+    they look, move with it as one rigid body; it must have bonds alone."""
+
+    surface = False
+
+    def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        return np.zeros_like(points), np.zeros(points.shape[:-1])
+
+
+Rigid = Plane | Circle | Sphere | Cylinder | Node

@@ -54,6 +54,9 @@ EXTENTS = (
 FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
 """Keys whose values may be formulas."""
 
+SURFACES = [shape for shape in get_args(Rigid) if shape.surface]
+"""Shapes of rigid partners that bodies can touch."""
+
 PETScOptions = dict[str, str | int | Number | bool]
 
 
@@ -97,6 +100,7 @@ class Scene(Table, frozen=True, kw_only=True):
                 check_formulas(f"{key}.{name}", getattr(table, name, None))
         for contact in self.contact:
             self._check_partners(contact)
+            self._check_nodes(contact)
         check_thickness(self.body, {name for contact in self.contact for name in contact.bodies})
         orders = sorted({body.mesh.order for body in self.body if body.mesh.order})
         if len(orders) > 1:
@@ -254,6 +258,15 @@ class Scene(Table, frozen=True, kw_only=True):
                 "mesh.refine"
             )
 
+    def _check_nodes(self, contact: ContactSpec) -> None:
+        """What has no surface has bonds alone."""
+        nodes = [one.name for one in self.rigid if not one.surface]
+        if contact.bodies[1] in nodes and contact.kind != "bonded":
+            raise ValueError(
+                f"contact.{contact.called}.kind: {contact.bodies[1]!r} is a node, which has no surface "
+                'that could be touched; write kind = "bonded", or give it another shape'
+            )
+
     def _check_partners(self, contact: ContactSpec) -> None:
         """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
         key, bodies = f"contact.{contact.called}", {body.name: body for body in self.body}
@@ -384,7 +397,7 @@ class Scene(Table, frozen=True, kw_only=True):
             if rigid.only_in:
                 others = [
                     shape.__struct_config__.tag
-                    for shape in get_args(Rigid)
+                    for shape in SURFACES
                     if shape.only_in != rigid.only_in
                 ]
                 yield (

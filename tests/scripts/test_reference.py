@@ -93,6 +93,7 @@ def test_every_key_has_a_meaning():
         "Circle.shape",
         "Sphere.shape",
         "Cylinder.shape",
+        "Node.shape",
         "Coulomb.law",
         "Tresca.law",
         "NoFriction.law",

@@ -1,0 +1,252 @@
+"""Rigid sets of nodes, and sets over which the forces of a reference node are spread.
+
+Sets with one reference node are one rigid body, whatever keywords and however many bodies they are of.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ddmpi.decks.acting import Acts, later
+from ddmpi.decks.cards import EXACT, Rigid
+from ddmpi.decks.pieces import Piece, formula, own_name
+from ddmpi.system.numbers import ROUNDING
+
+SMALL_TURN = 0.2
+"""Largest turn (radians) of a rigid set with NLGEOM: displacements of small turns are 2 % off."""
+
+Face = tuple[Piece, np.ndarray]
+"""A body, and facets of it."""
+
+
+class RigidSets:
+    """What rigid sets are in a scene.
+
+    Attributes
+    ----------
+    clamps, tractions : by body
+    partners, bonds : rigid partners, and the contacts with them
+    """
+
+    def __init__(self, acts: Acts) -> None:
+        self.acts, self.notes, self.model = acts, acts.notes, acts.model
+        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
+        self.partners: list[dict[str, Any]] = []
+        self.bonds: list[dict[str, Any]] = []
+        by_node = defaultdict[int, list[Rigid]](list)
+        for rigid in self.model.rigid:
+            by_node[rigid.ref].append(rigid)
+        for sets in by_node.values():
+            reason = self._apart(sets) or self._join(sets)
+            for one in sets if reason else ():
+                self.notes.add("lost", one.card, reason)
+
+    def _apart(self, sets: Sequence[Rigid]) -> str:
+        """Why sets with one reference node are not one rigid body of a scene; empty if they are."""
+        first, nodes = sets[0], set().union(*(one.nodes for one in sets))
+        others = (_crossing(first, nodes, one) for one in self.model.rigid if one.ref != first.ref)
+        if reason := next(filter(None, others), ""):
+            return reason
+        if len(sets) > 1 and any(one.spread for one in sets):
+            words = "how its force divides between sets over which it is spread is not known"
+            return f"lines {_lines(sets)} have one reference node; {words}"
+        if len({one.turn for one in sets}) > 1:
+            return "sets with one reference node turn by different nodes"
+        if first.ref in self.acts.home and (first.spread or first.ref not in nodes):
+            return "its reference node is one of a body, and not one of the set"
+        acting = {node for kind in ("supports", "forces") for node, _ in self.model.kinds[kind]}
+        turned = {first.ref, first.turn} & self.model.transforms.keys()
+        return "its reference node has a *TRANSFORM" * bool(turned & acting)
+
+    def _join(self, sets: Sequence[Rigid]) -> str:
+        """Write sets with one reference node; the reason where it is not possible."""
+        rigid = sets[0]._replace(nodes=set().union(*(one.nodes for one in sets)))
+        own = self.acts.at(rigid.nodes)
+        faces = [(piece, facets) for piece, facets, _ in own]
+        if not own or not all(covered for *_, covered in own):
+            facets = self._around(sets, own)
+            if facets is None:
+                return "its nodes are no whole faces of one body"
+            rigid, faces = rigid._replace(spread=True), [(own[0][0], facets)]
+        if reason := self._take(rigid, faces):
+            return reason
+        words = "forces spread over a face" if rigid.spread else "a face that moves as a rigid one"
+        together = f"{len(sets)} sets with one reference node are one rigid body, as in Abaqus"
+        for one in sets:
+            self.notes.add("taken", one.card, words)
+            if len(sets) > 1 and one.turn == one.ref:
+                self.notes.add(
+                    "changed", one.card, f"{together}; CalculiX lets each turn by itself"
+                )
+        if rigid.spread and not sets[0].spread:
+            words = "points alone hold nothing in a solid; the loads on them are spread over the faces around them"
+            self.notes.add("changed", rigid.card, words)
+        return ""
+
+    def _around(
+        self, sets: Sequence[Rigid], own: Sequence[tuple[Piece, np.ndarray, bool]]
+    ) -> np.ndarray | None:
+        """The facets around a set of points of one body that is free to move; None for other sets."""
+        if len(sets) > 1 or len(own) != 1 or len(own[0][1]):
+            return None
+        if not np.isnan(self._parts("supports", sets[0])[0]).all():
+            return None
+        piece = own[0][0]
+        patches, _ = piece.patches(np.flatnonzero(piece.within(sets[0].nodes)))
+        return np.unique(np.concatenate([some for some, _ in patches])) if patches else None
+
+    def _take(self, rigid: Rigid, faces: Sequence[Face]) -> str:
+        """Write a rigid set that has whole faces of bodies; the reason where it is not possible."""
+        if self.acts.axisymmetric:
+            return "around an axis"
+        (held, of_held), (loads, of_loads) = (
+            self._parts(kind, rigid) for kind in ("supports", "forces")
+        )
+        d, both = len(self.acts.axes), np.nan_to_num([held, loads])
+        within = [0, 1, 5] if d == 2 else [*range(6)]
+        if both[:, 6:].any():
+            return "a node of rotations has components 1 to 3 alone"
+        if np.delete(both[:, :6], within, axis=1).any():
+            return "its reference node is loaded or moved out of the plane"
+        if len(of_held | of_loads) > 1:
+            self.notes.cases = len(self.model.ends) > 1
+            return "its loads and displacements change in different ways"
+        held, loads = held[within], both[1, within] / self.acts.matter.depth
+        more = later(next(iter(of_held | of_loads), None))
+        turn = float(np.linalg.norm(both[0, within[d:]]))
+        if self.model.large and turn > SMALL_TURN:
+            return f"it turns by {turn:.3g}, and turns are small in a scene"
+        if rigid.spread:
+            return self._spread(rigid, faces, held, loads, more)
+        pivot = np.array(self.model.deck.points[rigid.ref][:d])
+        if np.isnan(held).any():
+            return self._push(rigid, faces, held, loads, pivot, more)
+        self._move(faces, held, pivot, more)
+        return ""
+
+    def _push(
+        self,
+        rigid: Rigid,
+        faces: Sequence[Face],
+        held: np.ndarray,
+        loads: np.ndarray,
+        pivot: np.ndarray,
+        more: dict[str, Any],
+    ) -> str:
+        """Write a rigid partner that moves as forces want, where displacements `held` are not given (NaN)."""
+        d, given, held = len(pivot), ~np.isnan(held), np.nan_to_num(held)
+        if given[d:].any() and not given[d:].all():
+            return "some of its turns are given, and others are free"
+        if held[d:].any():
+            return "its turns are given, and some of its displacements are free"
+        if (given & (loads != 0.0)).any():
+            words = "forces along displacements that are given change nothing"
+            self.notes.add("changed", rigid.card, words)
+        loads = np.where(given, 0.0, loads)
+        name = own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps])
+        partner: dict[str, Any] = {"name": name} | self._surface(faces)
+        partner["displacement"] = held[:d].tolist()
+        axes = zip(self.acts.axes, given, loads, strict=False)
+        partner["free"] = [axis for axis, one, load in axes if not one and not load]
+        if loads[:d].any():
+            partner["force"] = loads[:d].tolist()
+        if not given[d:].any():
+            partner["pivot"] = pivot.tolist()
+            moment = loads[d:].tolist() if d == 3 else float(loads[d])
+            partner |= {"moment": moment} if np.any(moment) else {"turns": True}
+        self.partners.append({key: value for key, value in partner.items() if value != []} | more)
+        for piece, facets in faces:
+            on = [piece.group(facets, "rigid")]
+            self.bonds.append({"bodies": [piece.name, name], "on": on, "kind": "bonded"})
+        return ""
+
+    def _surface(self, faces: Sequence[Face]) -> dict[str, Any]:
+        """The surface of a rigid partner: of one flat face in space its plane, which pictures show; else none."""
+        (piece, facets), *others = faces
+        normal = piece.outward(facets)
+        if (
+            others
+            or len(normal) < 3
+            or np.abs(np.abs(piece.normals(facets) @ normal) - 1.0).max() > EXACT
+        ):
+            return {"shape": "node"}
+        point = piece.points[piece.facets[facets[0], 0]].tolist()
+        return {"shape": "plane", "point": point, "normal": (-normal).tolist()}
+
+    def _spread(
+        self,
+        rigid: Rigid,
+        faces: Sequence[Face],
+        held: np.ndarray,
+        loads: np.ndarray,
+        more: dict[str, Any],
+    ) -> str:
+        """Write the forces of a reference node as tractions on the faces of a body."""
+        if len(faces) > 1:
+            return "it spreads forces over several bodies; how they divide is not known"
+        if not np.isnan(held).all():
+            return "a distributing coupling whose reference node is held"
+        ((piece, facets),), d = faces, len(self.acts.axes)
+        (force, moment), (x, w) = np.split(loads, [d]), piece.quadrature(facets, False)
+        pivot, centre = np.array(self.model.deck.points[rigid.ref][:d]), w @ x / w.sum()
+        arm, wide = pivot - centre, np.abs([pivot, centre]).max()
+        # about the centre of the faces
+        moment = moment + (
+            np.cross(arm, force) if d == 3 else arm[0] * force[1] - arm[1] * force[0]
+        )
+        moment[np.abs(moment) <= ROUNDING * np.abs(force).max() * wide] = 0.0
+        on = piece.group(facets, "coupled")
+        for key, value in ("force", force), ("moment", moment):
+            if value.any():
+                given = float(value[0]) if len(value) == 1 else value.tolist()
+                self.tractions[piece.name].append({"on": on, key: given} | more)
+        return ""
+
+    def _move(
+        self, faces: Sequence[Face], held: np.ndarray, pivot: np.ndarray, more: dict[str, Any]
+    ) -> None:
+        """Write a rigid motion that is given: u = u_r + θ × (x − x_r)."""
+        d, axes = len(pivot), self.acts.axes
+        shift, turn = np.split(held, [d])
+        turn = turn if d == 3 else np.array([0.0, 0.0, turn[0]])
+        slopes = np.cross(turn, np.eye(3))[:d, :d]  # row k: ∂u/∂x_k
+        moved = {
+            axis: formula(float(shift[k] - slopes[:, k] @ pivot), slopes[:, k], axes)
+            for k, axis in enumerate(axes)
+        }
+        for piece, facets in faces:
+            self.clamps[piece.name].append({"on": piece.group(facets, "rigid")} | moved | more)
+
+    def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, set[str | None]]:
+        """Shifts or forces, and turns or moments of the reference nodes, and what has no meaning (9,), NaN where there
+        is none; and the histories of those that are not zero."""
+        values, histories = np.full(9, np.nan), set[str | None]()
+        apart = rigid.turn != rigid.ref
+        for (node, component), acting in self.model.kinds[kind].items():
+            if node in (rigid.ref, rigid.turn):
+                value, history = self.acts.factor(acting)
+                k = component - 1 + 3 * (node == rigid.turn and apart)
+                values[k] = np.nansum([values[k], value]) if kind == "forces" else value
+                histories |= {history} if value else set()
+        return values, histories
+
+
+def _lines(sets: Sequence[Rigid]) -> str:
+    return ", ".join(str(one.card.line) for one in sets)
+
+
+def _crossing(first: Rigid, nodes: set[int], other: Rigid) -> str:
+    """Why a set with these `nodes` and one of another reference node are no two bodies; empty if they are."""
+    line = f"line {other.card.line}"
+    if {first.ref, first.turn} & {other.ref, other.turn}:
+        return f"its node of rotations is also that of {line}"
+    if not first.spread and not other.spread and not nodes.isdisjoint(other.nodes):
+        return f"some of its nodes are in the set of {line}, which has another reference node"
+    if {other.ref, other.turn} & nodes or {first.ref, first.turn} & other.nodes:
+        return f"the reference node of one set is in the other: this one and that of {line}"
+    return ""

@@ -1,0 +1,564 @@
+"""`ddmpi import`: what a deck says in several places is read together, or refused with the lines."""
+
+import itertools
+
+import numpy as np
+import pytest
+from decks import STEEL, grid, step
+from test_import import (
+    BOX,
+    LAW,
+    PAIR,
+    ROLLERS,
+    SECTION,
+    bolt,
+    imported,
+    refused,
+    solved,
+    stack,
+)
+
+from ddmpi.scene.formulas import evaluate
+
+PULL = step("*CLOAD", "A_Z1, 3, 1.")
+TWO = (
+    grid("A", (2, 1, 1), (2.0, 1.0, 1.0))
+    + grid("B", (2, 1, 1), (2.0, 1.0, 1.0), [3.0, 0.0, 0.0], 101)
+    + STEEL
+    + SECTION
+    + "*SOLID SECTION, ELSET=B, MATERIAL=STEEL\n*NODE\n900, 2.5, 0.5, 0.5\n901, 0., 0., 9.\n"
+    "*SURFACE, NAME=SA, TYPE=NODE\nA_X1\n*SURFACE, NAME=SB, TYPE=NODE\nB_X0\n"
+    "*BOUNDARY\nA_X0, 1, 3\nB_X1, 1, 3\n"
+)
+KINEMATIC = "*COUPLING, REF NODE=900, SURFACE={}, CONSTRAINT NAME=C\n*KINEMATIC\n1, 3\n"
+SPREAD = KINEMATIC.replace("KINEMATIC\n1, 3", "DISTRIBUTING\n1, 3")
+RIGID = "*RIGID BODY, NSET={}, REF NODE=900\n"
+SETS = {
+    "couplings": KINEMATIC.format("SA") + KINEMATIC.format("SB"),
+    "rigid bodies": RIGID.format("A_X1") + RIGID.format("B_X0"),
+    "one of each": RIGID.format("A_X1") + KINEMATIC.format("SB"),
+    "one set of two bodies": "*NSET, NSET=AB\nA_X1, B_X0\n" + RIGID.format("AB"),
+    "a node of rotations": (RIGID.format("A_X1") + RIGID.format("B_X0")).replace(
+        "900\n", "900, ROT NODE=901\n"
+    ),
+}
+
+
+@pytest.mark.parametrize("sets", SETS.values(), ids=SETS)
+def test_a_reference_node_of_several_faces_is_one_rigid_body(tmp_path, sets):
+    """It has one force, half of which each of two equal clamps bears, and no turn; each node moves with it."""
+    deck = TWO + sets + step("*CLOAD", "900, 3, 100.")
+    scene, lists = imported(tmp_path, deck)
+    assert [rigid["force"] for rigid in scene["rigid"]] == [[0.0, 0.0, 100.0]]
+    assert [contact["bodies"] for contact in scene["contact"]] == [["A", "rigid"], ["B", "rigid"]]
+    assert ("CalculiX lets each turn by itself" in lists) == (
+        sets.count("\n*") > 0 and "ROT" not in sets and "AB" not in sets
+    )
+    summary = solved(tmp_path, deck).summary
+    for name in "AB":
+        assert summary["bodies"][name]["reaction"] == pytest.approx(
+            [0.0, 0.0, -50.0], rel=1e-6, abs=0.05
+        )
+    assert summary["rigid"]["rigid"]["turn"] == pytest.approx([0.0] * 3, abs=1e-6)
+    assert summary["rigid"]["rigid"]["force"] == pytest.approx(
+        [0.0, 0.0, -100.0], rel=1e-9, abs=1e-9
+    )
+
+
+def test_a_given_motion_is_that_of_all_faces(tmp_path):
+    """A reference node with all six displacements moves the faces of both bodies by one rigid motion."""
+    moved = ("900, 1, 2", "900, 3, 3, 0.01", "900, 4, 4", "900, 5, 5, 0.002", "900, 6, 6")
+    scene, _ = imported(tmp_path, TWO + SETS["couplings"] + step("*BOUNDARY", *moved))
+    a, b = ([clamp for clamp in body["clamp"] if clamp["on"] == "rigid"] for body in scene["body"])
+    assert a == b and "rigid" not in scene
+    z = np.array([2.0, 3.0])
+    assert evaluate(a[0]["z"], z) == pytest.approx(0.01 - 0.002 * (z - 2.5))
+
+
+def test_a_rigid_body_in_the_plane(tmp_path):
+    """Force and moment of a reference node in the plane are per depth; the turn is the component 6."""
+    deck = grid("A", (8, 2), (4.0, 1.0)) + STEEL + SECTION + "0.5\n*NODE\n900, 6., 0.5\n"
+    deck += "*RIGID BODY, NSET=A_X1, REF NODE=900\n*BOUNDARY\nA_X0, 1, 2\n"
+    deck += step("*CLOAD", "900, 2, -3.", "900, 6, 5.")
+    (rigid,) = imported(tmp_path, deck)[0]["rigid"]
+    assert (rigid["force"], rigid["moment"], rigid["pivot"]) == ([0.0, -6.0], 10.0, [6.0, 0.5])
+    assert rigid["shape"] == "node" and rigid["free"] == ["x"]
+    reaction = solved(tmp_path, deck).summary["bodies"]["A"]["reactions"]["A_X0"]
+    assert reaction["force"] == pytest.approx([0.0, 6.0], rel=1e-6, abs=1e-6)
+    assert reaction["moment"] == pytest.approx(36.0 - 10.0, rel=1e-6)
+    moved = deck.replace("*STEP", "*BOUNDARY\n900, 1, 2\n900, 6, 6, 0.1\n*STEP").replace(
+        "*CLOAD", "*NODE PRINT"
+    )
+    clamp = imported(tmp_path, moved)[0]["body"][0]["clamp"][1]
+    assert clamp == {
+        "on": "rigid",
+        "x": "0.05 + (-0.1) * y",
+        "y": "-0.6000000000000001 + (0.1) * x",
+    }
+    assert "loaded or moved out of the plane" in refused(
+        tmp_path, deck.replace("900, 6, 5.", "900, 3, 5.")
+    )
+    assert "around an axis" in refused(
+        tmp_path, deck.replace("CPE4", "CAX4").replace("0.5\n*NODE", "*NODE")
+    )
+
+
+APART = [
+    (SPREAD.format("SA") + SPREAD.format("SB"), "have one reference node; how its force divides"),
+    (
+        KINEMATIC.format("SA") + SPREAD.format("SB"),
+        "have one reference node; how its force divides",
+    ),
+    (
+        RIGID.format("A_X1") + RIGID.format("B_X0")[:-1] + ", ROT NODE=901\n",
+        "turn by different nodes",
+    ),
+    (
+        RIGID.format("A_X1") + RIGID.format("A_X1").replace("900", "901"),
+        "some of its nodes are in the set of line",
+    ),
+    (
+        (RIGID.format("A_X1") + RIGID.format("B_X0").replace("900", "902")).replace(
+            "\n", ", ROT NODE=901\n"
+        )
+        + "*NODE\n902, 3., 0., 0.\n",
+        "its node of rotations is also that of line",
+    ),
+    (
+        "*NSET, NSET=ALSO\nA_X1, 901\n"
+        + RIGID.format("ALSO")
+        + RIGID.format("B_X0").replace("900", "901"),
+        "the reference node of one set is in the other",
+    ),
+    (
+        RIGID.format("A_X1").replace("900", "101"),
+        "its reference node is one of a body, and not one of the set",
+    ),
+    (
+        RIGID.format("A_X1") + "*NSET, NSET=R\n900\n*TRANSFORM, NSET=R\n0., 1., 0., -1., 0., 0.\n",
+        "its reference node has a *TRANSFORM",
+    ),
+    (
+        "*COUPLING, REF NODE=900, SURFACE=SA\n",
+        "*COUPLING: neither *KINEMATIC nor *DISTRIBUTING follows it",
+    ),
+    ("*KINEMATIC\n1, 3\n", "*KINEMATIC: it does not follow *COUPLING"),
+    (KINEMATIC.format("SA") + "*DISTRIBUTING\n", "*DISTRIBUTING: it does not follow *COUPLING"),
+    (KINEMATIC.format("SA").replace("1, 3", "1, 1\n3, 3"), "a coupling of some components only"),
+    (
+        SPREAD.format("SA").replace("ING\n", "ING, WEIGHTING METHOD=LINEAR\n"),
+        "weights that are not uniform",
+    ),
+]
+
+
+@pytest.mark.parametrize("sets, words", APART)
+def test_sets_that_are_no_one_rigid_body_are_refused(tmp_path, sets, words):
+    """Where they have one node, or nodes of each other, in ways that no scene has."""
+    load = "101" if "REF NODE=101" in sets else "900"
+    assert words in refused(tmp_path, TWO + sets + step("*CLOAD", f"{load}, 3, 100."))
+
+
+def test_components_of_a_coupling_in_several_lines(tmp_path):
+    """They count together."""
+    sets = KINEMATIC.format("SA").replace("1, 3", "1\n2, 2\n3")
+    assert len(imported(tmp_path, TWO + sets + step("*CLOAD", "900, 3, 1."))[0]["rigid"]) == 1
+
+
+def test_a_reference_node_in_its_own_set_has_its_force_once(tmp_path):
+    """The load and the supports of such a node are those of the rigid partner alone."""
+    sets = RIGID.format("A_X1").replace("900", "3") + "*BOUNDARY\n3, 1\n"
+    scene, _ = imported(tmp_path, TWO + sets + step("*CLOAD", "3, 3, 8."))
+    assert scene["rigid"][0]["force"] == [0.0, 0.0, 8.0] and scene["rigid"][0]["free"] == ["y"]
+    assert "traction" not in scene["body"][0] and [*scene["body"][0]["clamp"][0]] == [
+        "on",
+        "x",
+        "y",
+        "z",
+    ]
+    assert len(scene["body"][0]["clamp"]) == 1
+
+
+def test_a_large_turn_with_nlgeom_is_refused(tmp_path):
+    """Turns are small in a scene."""
+    turn = ("*BOUNDARY", "900, 1, 5", "900, 6, 6, 0.5")
+    deck = TWO + RIGID.format("A_X1")
+    assert "it turns by 0.5, and turns are small" in refused(
+        tmp_path, deck + step(*turn, options=", NLGEOM")
+    )
+    assert imported(tmp_path, deck + step(*turn))
+
+
+ALIKE = "there is one of the name"
+TWICE = [
+    (
+        BOX + "*SURFACE, NAME=T\n9, S2\n*SURFACE, NAME=t\n10, S2\n",
+        "a surface t on line 131 already",
+    ),
+    (BOX + 2 * "*AMPLITUDE, NAME=UP\n0., 0., 1., 1.\n", f"{ALIKE} UP on line 131 already"),
+    (BOX + 2 * "*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n", f"{ALIKE} O on line 131 already"),
+    (
+        BOX + STEEL.replace("STEEL", "St eel"),
+        "there are two of the name ST EEL; the other is on line",
+    ),
+    (BOX + LAW + LAW, "there are two of the name I; the other is on line 131"),
+    (
+        BOX.replace("*DENSITY", "*ELASTIC\n1., 0.\n*DENSITY"),
+        "there is one of this *MATERIAL on line",
+    ),
+    (
+        BOX + LAW + "*FRICTION\n0.1\n*FRICTION\n0.2\n",
+        "there is one of this *SURFACE INTERACTION on line 132",
+    ),
+    (BOX + "*NODE\n1, 0., 0., 1.\n", "*NODE: the node 1 is there twice, at two places"),
+    (
+        BOX
+        + "*TRANSFORM, NSET=A_Z1\n0., 1., 0., -1., 0., 0.\n*TRANSFORM, NSET=A_X1\n1., 0., 0., 0., 1., 0.\n",
+        "has another *TRANSFORM on line 131",
+    ),
+    (BOX + "*NSET, NSET=G, GENERATE\n36, 28\n", "it generates numbers from 36 to 28"),
+    (BOX + "*BOUNDARY, OP=NEW, OP=MOD\nA_Z0, 3\n", "*BOUNDARY: it has two OP"),
+    (
+        "*PART, NAME=P\n*END PART\n*PART, NAME=p\n*END PART\n" + BOX,
+        "*PART: there are two of the name p",
+    ),
+    (
+        "*PART, NAME=P\n*END PART\n*ASSEMBLY, NAME=A\n"
+        + 2 * "*INSTANCE, NAME=I, PART=P\n*END INSTANCE\n"
+        + "*END ASSEMBLY\n",
+        "two of its instances have one name",
+    ),
+    (BOX + "*AMPLITUDE\n0., 0., 1., 1.\n", "*AMPLITUDE: it lacks NAME"),
+    (BOX + "*END STEP\n", "*END STEP: no *STEP begins before it"),
+    (BOX + LAW + "*FRICTION\n-0.1\n", "a coefficient of friction, which is not negative"),
+    (BOX.replace("0.3\n", "0.7\n", 1), "its scene: body.A.material.poisson"),
+]
+
+
+@pytest.mark.parametrize("deck, words", TWICE)
+def test_what_is_there_twice_is_refused(tmp_path, deck, words):
+    """With the line of the other, where it may mean either."""
+    assert words in refused(tmp_path, deck + ROLLERS + PULL)
+
+
+SAME = [
+    ("\n*DENSITY", "\n*ELASTIC\n210000., 0.3\n*DENSITY"),
+    ("*BOUNDARY", 2 * SECTION + "*BOUNDARY"),
+    ("*BOUNDARY", "*NODE\n1, 0., 0., 0.\n*BOUNDARY"),
+    ("*CLOAD", "*CLOAD,"),
+    ("A_Z1, 3, 1.", "A_Z1, 3, 1.\nA_Z1, 4, 0.\nA_Z1, 5, 0."),
+    ("*STATIC", "*STATIC\n*STATIC"),
+    ("*NSET, NSET=A_Z1", "*NSET, NSET=A_ Z1"),
+    ("A_Z0, 3", "A_Z0, 3\nA_Z0, 5, 6"),
+    ("A_Z0, 3", "A_Z0, 3\na _z0 , 3, 3, 0."),
+    ("*SOLID SECTION, ELSET=A, MATERIAL=STEEL", "*SOLID SECTION, ELSET=a, MATERIAL=S teel"),
+    ("*DENSITY", "*CONDUCTIVITY\n50.\n*SPECIFIC HEAT\n4.5E8\n*DAMPING, ALPHA=1.\n*DENSITY"),
+    ("*END STEP", "*END STEP\n*STEP, PERTURBATION\n*FREQUENCY\n10\n*BOUNDARY\nA_X1, 1\n*END STEP"),
+    ("*END STEP", "*END STEP\n*STEP\n*BUCKLE\n10\n*CLOAD\nA_X1, 1, 1.\n*END STEP"),
+]
+
+
+@pytest.mark.parametrize("old, new", SAME)
+def test_what_makes_no_difference(tmp_path, old, new):
+    """Things that are there twice and alike, or change no static answer, are no reason to refuse a deck."""
+    deck = BOX + ROLLERS + PULL
+    assert (
+        deck.count(old)
+        and imported(tmp_path, deck)[0] == imported(tmp_path, deck.replace(old, new))[0]
+    )
+
+
+TOLD = [
+    (
+        SECTION,
+        SECTION
+        + STEEL.replace("STEEL", "SOFT").replace("210000.", "1000.")
+        + "*ELSET, ELSET=LOW\n1, 2\n*SOLID SECTION, ELSET=LOW, MATERIAL=SOFT\n",
+        "elements that line 130 gives another section have this one",
+    ),
+    (
+        "*CLOAD",
+        "*BOUNDARY\nA_X1, 1, 1, 0.1\nA_X1, 1, 1, 0.2\n*CLOAD",
+        "gives another displacement of the same nodes; the last one counts",
+    ),
+    (
+        "*END STEP",
+        "*CLOAD\nA_Z1, 3, 2.\n*END STEP",
+        "*CLOAD: added to line 137 where places are the same",
+    ),
+    (
+        "A_Z0, 3",
+        "A_Z0, 3\nA_Z0, 5, 6",
+        "nodes of solids have no turns: components 4 to 6 have no effect",
+    ),
+    (
+        "*DENSITY",
+        "*CONDUCTIVITY\n50.\n*DENSITY",
+        "*CONDUCTIVITY: left out: heat changes no static answer",
+    ),
+    (
+        "*END STEP",
+        "*END STEP\n*STEP\n*FREQUENCY\n10\n*END STEP",
+        "*FREQUENCY: this step is left out",
+    ),
+    (
+        "*STEP",
+        "*CLOAD\nA_Z1, 1, 1.\n*STEP",
+        "it stands in no *STEP, and counts from the beginning of the next",
+    ),
+    (ROLLERS, "", "no support and no contact holds A"),
+]
+
+
+@pytest.mark.parametrize("old, new, words", TOLD)
+def test_what_counts_is_told(tmp_path, old, new, words):
+    """Where of several the last one counts, or their sum, and what is left out."""
+    deck = BOX + ROLLERS + PULL
+    assert deck.count(old) >= 1 and words in imported(tmp_path, deck.replace(old, new, 1))[1]
+
+
+def test_the_last_displacement_counts(tmp_path):
+    """As in CalculiX; supports of a step after those of the model are no two."""
+    moved = step("*BOUNDARY", "A_Z1, 3, 3, 0.1", "36, 3, 3, 0.1", "A_Z1, 3, 3, 0.2")
+    scene, lists = imported(tmp_path, BOX + ROLLERS + moved)
+    assert {"on": "A_Z1", "z": 0.2} in scene["body"][0]["clamp"] and "the last one counts" in lists
+    single = step("*BOUNDARY", "A_Z0, 3, 3, 0.1")
+    assert "the last one counts" not in imported(tmp_path, BOX + ROLLERS + single)[1]
+
+
+LOST = [
+    (
+        stack(PAIR, LAW) + "*CLEARANCE, SLAVE=SLAVE, MASTER=OTHER, VALUE=0.1\n",
+        "*CLEARANCE: no *CONTACT PAIR has",
+    ),
+    (
+        stack(PAIR, LAW)
+        + f"{PAIR.replace('=I', '=J')}\nSLAVE, MASTER\n"
+        + LAW.replace("=I", "=J")
+        + "*FRICTION\n0.2\n",
+        "a contact beside that of line",
+    ),
+    (stack(PAIR, LAW) + "*TIE\nSLAVE, MASTER\n", "a contact beside that of line"),
+    (
+        stack(PAIR, LAW)
+        + step()
+        + step("*MODEL CHANGE, TYPE=CONTACT PAIR, REMOVE", "MASTER, SLAVE"),
+        "*MODEL CHANGE: there is no *CONTACT PAIR of master and slave",
+    ),
+    (
+        BOX + ROLLERS + step("*CLOAD", "A_Z1, 3, 1.", "*CLOAD, OP=NEW", "A_Z1, 1, 1."),
+        "OP=NEW after line 137 of this step",
+    ),
+    (
+        BOX
+        + ROLLERS
+        + "*AMPLITUDE, NAME=UP\n0., 0., 1., 1.\n"
+        + step(
+            "*CLOAD, AMPLITUDE=UP",
+            "A_Z1, 3, 1.",
+            "*CLOAD, AMPLITUDE=UP, TIME DELAY=0.5",
+            "A_Z1, 3, 2.",
+        ),
+        "a load beside another one of this step with another amplitude",
+    ),
+    (
+        BOX
+        + ROLLERS
+        + "*SURFACE, NAME=T\n9, S2\n"
+        + step("*DSLOAD", "T, TRVEC, 1., 1., 0., 0.")
+        + step("*DSLOAD", "T, TRVEC, 1., 0., 1., 0."),
+        "TRVEC in another direction than in the step before",
+    ),
+    (
+        BOX
+        + ROLLERS
+        + "*SURFACE, NAME=T\n9, S2\n"
+        + step("*DSLOAD", "T, P, 1.")
+        + step("*DLOAD, OP=NEW", "10, P2, 1."),
+        "OP=NEW beside *DLOAD and *DSLOAD",
+    ),
+    (BOX + ROLLERS + PULL + "*CLOAD\nA_Z1, 3, 1.\n", "*CLOAD: it stands after the last *STEP"),
+    (
+        BOX + ROLLERS + step().replace("STATIC", "FREQUENCY") + PULL,
+        "*FREQUENCY: only *STATIC steps are computed",
+    ),
+    (
+        BOX + ROLLERS + PULL + step().replace("STATIC", "DYNAMIC"),
+        "*DYNAMIC: only *STATIC steps are computed",
+    ),
+    (
+        bolt() + step("*CLOAD", "900, 1, 5.", "900, 2, 5."),
+        "a pre-tension has the component 1 alone",
+    ),
+    (
+        bolt().replace(
+            "*BOUNDARY",
+            "*SURFACE, NAME=OTHER\n3, S2\n*PRE-TENSION SECTION, SURFACE=OTHER, NODE=900\n*BOUNDARY",
+        )
+        + step("*CLOAD", "900, 1, 5."),
+        "its node is also that of line",
+    ),
+    (BOX + ROLLERS + step("*BOUNDARY", "A_Z1, 6, 6, 0.1"), "component 6 of the displacement"),
+    (BOX + ROLLERS + step("*BOUNDARY", "A_Z1, 11, 11, 0."), "component 11 of the displacement"),
+    (
+        BOX
+        + ROLLERS
+        + step("*DLOAD", "A, GRAV, 1., 0., 0., -1.")
+        + step("*DLOAD", "A, GRAV, 1., 1., 0., 0."),
+        "if its steps are load cases, keep one step per deck",
+    ),
+]
+
+
+@pytest.mark.parametrize("deck, words", LOST)
+def test_what_contradicts_is_refused(tmp_path, deck, words):
+    """Contacts of the same faces, loads that replace or add by program, and steps that no scene has."""
+    deck = deck if "*STEP" in deck else deck + PULL
+    assert words in refused(tmp_path, deck)
+
+
+@pytest.mark.parametrize("first", ["SLAVE, MASTER", "FACES, MASTER", "MASTER, SLAVE"])
+def test_a_contact_that_is_there_twice_is_one(tmp_path, first):
+    """Given again, by another surface of the same faces, or the other way round."""
+    press = step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
+    deck = stack(
+        PAIR, f"*ELSET, ELSET=LOW\n101, 102, 103, 104\n*SURFACE, NAME=FACES\nLOW, S1\n{LAW}"
+    )
+    scene, lists = imported(
+        tmp_path, f"{deck}{PAIR}\n{first}\n{press}".replace("*CONTACT", "*CONTACT", 1)
+    )
+    assert len(scene["contact"]) == 1 and "a contact that is there already is one contact" in lists
+
+
+def test_ties_have_the_slave_of_the_deck(tmp_path):
+    """As contacts have it; unless supports constrain all of it."""
+    press = step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
+    for first, slave in ("SLAVE, MASTER", "B"), ("MASTER, SLAVE", "A"):
+        assert (
+            imported(tmp_path, stack("*TIE, NAME=T", first=first) + press)[0]["contact"][0]["slave"]
+            == slave
+        )
+    held = stack("*TIE, NAME=T").replace("*BOUNDARY\n", "*BOUNDARY\nB_Z0, 1, 3\n", 1)
+    assert "slave" not in imported(tmp_path, held + press)[0]["contact"][0]
+
+
+def test_faces_within_a_body_are_left_out_of_contacts(tmp_path):
+    """With a word: no other body can touch them."""
+    deck = stack(PAIR, LAW).replace("A, S2", "A, S2\nB, S2")
+    deck = deck.replace("SLAVE, MASTER", "SLAVE, UPPER").replace(
+        "*SURFACE, NAME=SLAVE", "*SURFACE, NAME=UPPER\nA, S2\nA, S4\n*SURFACE, NAME=SLAVE"
+    )
+    assert (
+        "faces of the surface UPPER that are on no boundary (4) are left out"
+        in imported(tmp_path, deck + PULL)[1]
+    )
+
+
+def ring(parts: int) -> str:
+    """A quarter of a ring in the plane, whose inner nodes have cylindrical directions."""
+    angles = np.linspace(0.0, np.pi / 2, parts + 1)
+    points = [(r * np.cos(a), r * np.sin(a)) for r in (1.0, 2.0) for a in angles]
+    text = "*NODE\n" + "\n".join(f"{k}, {x!r}, {y!r}" for k, (x, y) in enumerate(points, 1))
+    text += "\n*ELEMENT, TYPE=CPE4, ELSET=A\n" + "\n".join(
+        f"{k}, {k}, {k + parts + 1}, {k + parts + 2}, {k + 1}" for k in range(1, parts + 1)
+    )
+    text += f"\n*NSET, NSET=IN, GENERATE\n1, {parts + 1}\n*TRANSFORM, NSET=IN, TYPE=C\n0, 0, 0, 0, 0, 1\n"
+    return text + STEEL + SECTION
+
+
+@pytest.mark.parametrize("parts", [4, 8])
+def test_nodes_on_the_axes_of_a_cylinder_are_held_with_the_others(tmp_path, parts):
+    """A set whose radial directions are along x and y at its ends slides on its whole face."""
+    scene, _ = imported(tmp_path, ring(parts) + "*BOUNDARY\nIN, 1\n" + step("*DLOAD", "1, P2, 1."))
+    (clamp,) = scene["body"][0]["clamp"]
+    assert clamp == {"on": "guided", "normal": 0.0}
+
+
+def turned_part(place: str, way: str = "*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n") -> str:
+    """A part of an orthotropic material, in an instance at a place, with an orientation of its own."""
+    material = "*MATERIAL, NAME=WOOD\n*ELASTIC, TYPE=ENGINEERING CONSTANTS\n10., 1., 1., 0., 0., 0., 1., 1.,\n1.\n"
+    section = "*SOLID SECTION, ELSET=A, MATERIAL=WOOD, ORIENTATION=O\n"
+    return (
+        "*PART, NAME=P\n"
+        + grid("A", (1, 1, 1), (1.0, 1.0, 1.0))
+        + way
+        + section
+        + "*END PART\n*ASSEMBLY, NAME=ALL\n"
+        f"*INSTANCE, NAME=I, PART=P\n{place}*END INSTANCE\n*END ASSEMBLY\n{material}*BOUNDARY\nI.A_X0, 1, 3\n"
+        + step("*CLOAD", "I.A_X1, 1, 1.")
+    )
+
+
+def test_orientations_turn_with_their_instance(tmp_path):
+    """The axes of a material are those of the part, wherever the instance turns them."""
+    quarter = "0., 0., 0.\n0., 0., 0., 0., 0., 1., 90.\n"
+    still = imported(tmp_path, turned_part("5., 0., 0.\n"))[0]["body"][0]["material"]
+    turned = imported(tmp_path, turned_part(quarter))[0]["body"][0]["material"]
+    assert "axes" not in still
+    assert np.array(turned["axes"]) == pytest.approx(
+        np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]]), abs=1e-12
+    )
+
+
+def test_transforms_turn_with_their_instance(tmp_path):
+    """A radial direction is that of the axis where the instance has it."""
+    deck = turned_part("3., 4., 0.\n0., 0., 0., 0., 0., 1., 90.\n").replace(
+        "O\n*END PART", "O\n*TRANSFORM, NSET=A_X1, TYPE=R\n1., 0., 0., 0., 1., 0.\n*END PART"
+    )
+    force = imported(tmp_path, deck)[0]["body"][0]["traction"][0]["force"]
+    assert force == pytest.approx([0.0, 4.0, 0.0], abs=1e-12)
+
+
+def test_each_part_has_orientations_of_its_own(tmp_path):
+    """Two parts may have one each of the same name."""
+    one = turned_part("")
+    other = "*ORIENTATION, NAME=O\n0., 1., 0., -1., 0., 0.\n"
+    second = (
+        one.split("*ASSEMBLY")[0]
+        .replace("NAME=P", "NAME=Q")
+        .replace("*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n", other)
+    )
+    deck = second + one.replace(
+        "*END ASSEMBLY", "*INSTANCE, NAME=J, PART=Q\n9., 0., 0.\n*END INSTANCE\n*END ASSEMBLY"
+    )
+    deck = deck.replace("I.A_X0, 1, 3\n", "I.A_X0, 1, 3\nJ.A_X0, 1, 3\n")
+    bodies = {body["name"]: body["material"] for body in imported(tmp_path, deck)[0]["body"]}
+    assert "axes" not in bodies["I"] and bodies["J"]["axes"][0] == [0.0, 1.0, 0.0]
+
+
+def test_a_body_that_nothing_names_has_a_boundary(tmp_path):
+    """Its mesh file has one surface, so that a run says what is missing: a support."""
+    imported(tmp_path, BOX + step("*DLOAD", "A, GRAV, 9.81, 0., 0., -1."))
+    assert "*SURFACE, NAME=boundary" in (tmp_path / "0" / "deck" / "A.inp").read_text()
+
+
+KEYWORDS = (
+    stack(f"{PAIR}, ADJUST=0.", LAW + "*FRICTION\n0.2, 1e5\n")
+    + (
+        "*NODE\n900, 0.5, 0.5, 3.\n*RIGID BODY, NSET=B_Z1, REF NODE=900\n*AMPLITUDE, NAME=UP\n0., 0., 1., 1.\n"
+    )
+    + step("*CLOAD, AMPLITUDE=UP", "900, 3, -5.", "*DLOAD", "A, GRAV, 9., 0., 0., -1.")
+)
+
+
+@pytest.mark.slow
+def test_a_deck_with_lines_twice_missing_or_moved(tmp_path):
+    """Each is one message, or a scene; never a traceback."""
+    lines = KEYWORDS.splitlines()
+    heads = [k for k, line in enumerate(lines) if line.startswith("*")] + [len(lines)]
+    rng, ends = np.random.default_rng(3), {True: 0, False: 0}
+    for first, last in itertools.pairwise(heads):
+        card, target = lines[first:last], int(rng.choice(heads[:-1]))
+        rest = lines[:first] + lines[last:]
+        for text in (
+            lines[:last] + card + lines[last:],
+            rest,
+            rest[:target] + card + rest[target:],
+        ):
+            try:
+                imported(tmp_path, "\n".join(text) + "\n")
+                ends[True] += 1
+            except Exception as error:
+                assert type(error).__name__ == "InputError", text
+                ends[False] += 1
+    assert min(ends.values()) > 20
