@@ -67,7 +67,6 @@ COMPLEX = {
     "run/solve:Iteration.conclude": 18,
     "run/solve:Iteration.solve": 20,
     "run/steps:March._refine": 16,
-    "scene/bodies:Material.__post_init__": 16,
     "scene/contacts:RigidSurface.__post_init__": 16,
     "scene/keys:_remedy": 23,
     "scene/keys:_tidy": 17,
