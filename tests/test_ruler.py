@@ -105,7 +105,6 @@ LONG = {
     "interface/rows:build": 82,
     "interface/vertices:rows_at_vertices": 74,
     "mesh/read:read_mesh": 63,
-    "petsc/mumps:Factors.__init__": 62,
     "pictures/bodies:animate": 109,
     "pictures/browser:_page": 135,
     "pictures/contacts:draw_contacts": 110,
