@@ -88,7 +88,6 @@ LONG = {
     "check/check:_page": 73,
     "check/drawing:draw_bodies": 61,
     "check/nearby:find_missing": 82,
-    "cli/arguments:build_parser": 175,
     "coupling/assembly:prepare": 224,
     "coupling/joint:Joint.__init__": 61,
     "decks/acting:Acts.heat": 66,
