@@ -109,7 +109,6 @@ LONG = {
     "pictures/contacts:draw_contacts": 110,
     "pictures/contacts:draw_maps": 88,
     "pictures/curves:draw_contact": 90,
-    "published/mprgp:MPRGP.iterate": 73,
     "results/histories:at_step": 105,
     "run/gather:_write_steps": 64,
     "run/gather:gather_summary": 69,
