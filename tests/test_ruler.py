@@ -94,7 +94,6 @@ LONG = {
     "decks/joints:Joints.contacts": 61,
     "derive/entries:entries_of": 62,
     "interface/matching:face_rigid": 62,
-    "interface/vertices:rows_at_vertices": 74,
     "mesh/read:read_mesh": 63,
     "pictures/bodies:animate": 109,
     "pictures/browser:_page": 135,

@@ -838,7 +838,7 @@ MUTANTS = [
         (
             "hats of clamped vertices are smoothed",
             "interface/vertices",
-            "hats * ~kept[side.corners[over.facet]]",
+            "hats * ~kept[corners]",
             "hats",
             "interface/test_quadratic_facets.py",
         ),
