@@ -2,6 +2,7 @@
 
 import argparse
 import re
+from collections.abc import Callable
 from typing import Any, NoReturn
 
 from ddmpi import __version__
@@ -12,6 +13,25 @@ EPILOG = """exit codes: 0 certified answer, 2 bad input, 3 not converged, 4 a so
 
 Everything that starts with one dash is a PETSc option: -body_ksp_type cg -body_pc_type gamg for the
 solves with a body's stiffness, -qp_tao_type gpcg for the contact subproblems, -log_view for times."""
+
+IMPORT = (
+    "Write scene.toml and its meshes from an Abaqus or CalculiX deck, and list by lines what was "
+    "taken, what was changed and what is lost. Where a load, a support or a contact would be "
+    "lost, nothing is written. From an assembly (.step, .brep) it writes an incomplete scene: the"
+    " parts, and contacts where they touch."
+)
+
+VIEW = (
+    "Write a view of a run: one HTML file that turns the bodies in a browser, with stresses, "
+    "displacements and contact pressures, load steps and a cut. It needs no other file and no "
+    "network."
+)
+
+REPORT = (
+    "Write a report of a run, converged or not, or of a sweep: one HTML file with its verdict, "
+    "warnings, pictures, numbers, certificate, scene and versions. It needs no other file and no "
+    "network, so it can be mailed."
+)
 
 REPEATED = ("--set=", "--vary=")  # they may be followed by several KEY=VALUE
 
@@ -64,7 +84,21 @@ def build_parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"ddmpi {__version__}")
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    scene = _Parser(add_help=False)
+
+    def command(name: str, words: str, *parents: _Parser, **more: Any) -> _Parser:
+        return commands.add_parser(name, help=words, parents=parents, allow_abbrev=False, **more)
+
+    _add_solving(command)
+    _add_import(command)
+    _add_reading(command)
+    command("info", "print versions and the available solvers")
+    command("schema", "print the JSON schema of scenes, for editors")
+    return parser
+
+
+def _add_solving(command: Callable[..., _Parser]) -> None:
+    """Add the commands that read a scene."""
+    scene, written = _Parser(add_help=False), _Parser(add_help=False)
     scene.add_argument("scene", metavar="SCENE.toml", help="the scene")
     scene.add_argument(
         "--set",
@@ -81,11 +115,6 @@ def build_parser() -> argparse.ArgumentParser:
         help="append all messages to FILE, with time stamps, "
         "also those that --quiet keeps off the screen",
     )
-    solving: dict[str, Any] = {
-        "epilog": EPILOG,
-        "formatter_class": argparse.RawDescriptionHelpFormatter,
-    }
-    written = _Parser(add_help=False)
     written.add_argument(
         "--output",
         type=_named,
@@ -93,10 +122,7 @@ def build_parser() -> argparse.ArgumentParser:
         help="folder for what is written (default: a new one in results/)",
     )
     written.add_argument("--no-figures", action="store_true", help="draw no pictures")
-
-    def command(name: str, words: str, *parents: _Parser, **more: Any) -> argparse.ArgumentParser:
-        return commands.add_parser(name, help=words, parents=parents, allow_abbrev=False, **more)
-
+    solving = {"epilog": EPILOG, "formatter_class": argparse.RawDescriptionHelpFormatter}
     run = command(
         "run", "solve a scene, best on as many ranks as it has bodies", scene, written, **solving
     )
@@ -111,13 +137,13 @@ def build_parser() -> argparse.ArgumentParser:
     _add_sweep(
         command("sweep", "run a scene for all combinations of some values", scene, **solving)
     )
+
+
+def _add_import(command: Callable[..., _Parser]) -> None:
     deck = command(
         "import",
         "write a scene from an Abaqus or CalculiX deck, or a first one from an assembly (.step, .brep)",
-        description="Write scene.toml and its meshes from an Abaqus or CalculiX deck, and list by lines what was "
-        "taken, what was changed and what is lost. Where a load, a support or a contact would be lost, nothing is "
-        "written. From an assembly (.step, .brep) it writes an incomplete scene: the parts, and contacts where they "
-        "touch.",
+        description=IMPORT,
     )
     deck.add_argument(
         "deck", type=_named, metavar="FILE", help="a deck (.inp) or an assembly (.step, .brep)"
@@ -139,6 +165,10 @@ def build_parser() -> argparse.ArgumentParser:
     deck.add_argument(
         "--partial", action="store_true", help="write the scene without the cards that are lost"
     )
+
+
+def _add_reading(command: Callable[..., _Parser]) -> None:
+    """Add the commands that read a folder of results."""
     results = _Parser(add_help=False)
     results.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
     results.add_argument(
@@ -148,7 +178,46 @@ def build_parser() -> argparse.ArgumentParser:
         help="time of the load step to show, of those whose "
         "fields are written (default: the one of the largest load)",
     )
-    figures = command("figures", "draw the pictures of saved results anew", results)
+    _add_figures(command("figures", "draw the pictures of saved results anew", results))
+    view = command(
+        "view",
+        "write one HTML file in which the results turn in a browser",
+        description=VIEW,
+    )
+    view.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
+    _add_file(view, "DIR/view.html", "an earlier view")
+    path = command(
+        "path",
+        "write displacements and stresses along a straight line through the bodies as a table",
+        results,
+    )
+    for name, words in ("from", "first point, as in 0,0.5 or 0,0,1"), ("to", "last point"):
+        path.add_argument(
+            f"--{name}", type=_point, metavar="X,Y", dest=name, required=True, help=words
+        )
+    path.add_argument(
+        "--points",
+        type=int,
+        metavar="N",
+        default=101,
+        help="number of points, equally spaced (default: 101)",
+    )
+    _add_file(path, "DIR/path.csv", "the table of an earlier path")
+    plot = command("sweep-plot", "draw a result of a sweep against a parameter")
+    plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
+    plot.add_argument(
+        "plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta"
+    )
+    report = command(
+        "report",
+        "write one HTML file that reports a run or a sweep",
+        results,
+        description=REPORT,
+    )
+    _add_file(report, "DIR/report.html", "an earlier report")
+
+
+def _add_figures(figures: _Parser) -> None:
     figures.add_argument(
         "--view",
         type=_view,
@@ -169,69 +238,19 @@ def build_parser() -> argparse.ArgumentParser:
         metavar="F",
         help="enlargement of displacements (default: automatic)",
     )
-    view = command(
-        "view",
-        "write one HTML file in which the results turn in a browser",
-        description="Write a view of a run: one HTML file that turns the bodies in a browser, with stresses, "
-        "displacements and contact pressures, load steps and a cut. It needs no other file and no network.",
-    )
-    view.add_argument("folder", type=_named, metavar="DIR", help="folder of results")
-    view.add_argument(
-        "--output",
-        type=_named,
-        metavar="FILE",
-        help="file to write (default: DIR/view.html); an "
-        "earlier view is overwritten, any other file is not",
-    )
-    path = command(
-        "path",
-        "write displacements and stresses along a straight line through the bodies as a table",
-        results,
-    )
-    for name, words in ("from", "first point, as in 0,0.5 or 0,0,1"), ("to", "last point"):
-        path.add_argument(
-            f"--{name}", type=_point, metavar="X,Y", dest=name, required=True, help=words
-        )
-    path.add_argument(
-        "--points",
-        type=int,
-        metavar="N",
-        default=101,
-        help="number of points, equally spaced (default: 101)",
-    )
-    path.add_argument(
-        "--output",
-        type=_named,
-        metavar="FILE",
-        help="file to write (default: DIR/path.csv); the table "
-        "of an earlier path is overwritten, any other file is not",
-    )
-    plot = command("sweep-plot", "draw a result of a sweep against a parameter")
-    plot.add_argument("folder", type=_named, metavar="DIR", help="folder of the sweep")
-    plot.add_argument(
-        "plots", nargs="+", metavar="RESULT:KEY", help="two columns of its table, as in n_A:theta"
-    )
-    report = command(
-        "report",
-        "write one HTML file that reports a run or a sweep",
-        results,
-        description="Write a report of a run, converged or not, or of a sweep: one HTML file with its verdict, "
-        "warnings, pictures, numbers, certificate, scene and versions. It needs no other file and no network, so it "
-        "can be mailed.",
-    )
-    report.add_argument(
-        "--output",
-        type=_named,
-        metavar="FILE",
-        help="file to write (default: DIR/report.html); an "
-        "earlier report is overwritten, any other file is not",
-    )
-    command("info", "print versions and the available solvers")
-    command("schema", "print the JSON schema of scenes, for editors")
-    return parser
 
 
-def _add_sweep(sweep: argparse.ArgumentParser) -> None:
+def _add_file(parser: _Parser, default: str, earlier: str) -> None:
+    """Add the argument of a command that writes one file, by default `default`, over an `earlier` one alone."""
+    parser.add_argument(
+        "--output",
+        type=_named,
+        metavar="FILE",
+        help=f"file to write (default: {default}); {earlier} is overwritten, any other file is not",
+    )
+
+
+def _add_sweep(sweep: _Parser) -> None:
     sweep.add_argument(
         "--vary",
         action="append",

@@ -22,7 +22,8 @@ from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
 from ddmpi.coupling.space import Space, kept_by_bonds
 from ddmpi.coupling.team import TeamMatrix
 from ddmpi.errors import InputError, naming
-from ddmpi.interface.interface import Interface, Mover, check_overlap, refuse_contradiction
+from ddmpi.interface.contradictions import Mover, refuse_contradiction
+from ddmpi.interface.interface import Interface, check_overlap
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid
 from ddmpi.interface.mortar import connect, with_slave

@@ -3,7 +3,8 @@ solve of the transposed equations."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from math import comb
 
@@ -13,12 +14,14 @@ from mpi4py import MPI
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.chain import Answered
 from ddmpi.derive.entries import ENOUGH, Entry, measures
-from ddmpi.derive.parameters import parameter, scaled
+from ddmpi.derive.parameters import Parameter, parameter, scaled
 from ddmpi.errors import InputError, SolverError, nearest
+from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
-from ddmpi.methods.linear import AIM, PURPOSE
+from ddmpi.methods.linear import AIM, PURPOSE, Linearisation
 from ddmpi.methods.newton import Newton
 from ddmpi.scene.derivable import derivable
+from ddmpi.scene.scene import Settled
 from ddmpi.sets import magnitude
 from ddmpi.system.agreement import agreed, merged
 
@@ -64,7 +67,7 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
 
     Collective. Raises InputError for an unknown result, and SolverError where the equations are not solved precisely.
     """
-    world, space, joint = assembly.world, assembly.space, assembly.joint
+    world, joint = assembly.world, assembly.joint
     if assembly.scene.time:
         raise InputError(
             f"gradient({result!r}): not possible with load steps; set output.derivatives instead"
@@ -73,63 +76,27 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
         wanted = functional(assembly, answer.states, result)
     if wanted.body:  # equilibrium: the reaction is what loads and contact forces on a body leave
         unit = np.eye(assembly.scene.dimension)[wanted.axis]
-        wanted.forces = joint.exchange.total(
-            [
-                member.trace(np.tile(unit, (len(member.motions), 1))) * (member.name == wanted.body)
-                for member in joint.members
-            ],
-            "reaction",
-        )
+        of_bodies = [
+            member.trace(np.tile(unit, (len(member.motions), 1))) * (member.name == wanted.body)
+            for member in joint.members
+        ]
+        wanted.forces = joint.exchange.total(of_bodies, "reaction")
     equations = outer.linearisation()
-    j = wanted.forces
-    if space.any(wanted.moves):  # d(closed) = ρ + Z dα − C ds
-        j = j - joint.product(wanted.moves, PURPOSE, AIM)
-    z, beta, residual = equations.adjoint(j, wanted.motions + joint.rigid.sums(wanted.moves))
-    if residual > ENOUGH:
-        raise SolverError(
-            f"gradient({result!r}): GMRES does not solve the equations to {ENOUGH:.0e}"
-        )
-    # dJ = w·ρ + β·de + q·γ: the work of forces w on changes of gaps, and what forces beyond the law add
-    w = z + wanted.moves
-    q = j - (joint.product(z, PURPOSE, AIM) if space.any(z) else 0.0) - joint.rigid.spread(beta)
-    fields, moved, parts = (
-        dict[str, np.ndarray](),
-        dict[str, np.ndarray](),
-        joint.exchange.spread(w),
-    )
-    with agreed(world):
-        for body, of_body in zip(assembly.bodies, parts, strict=True):
-            name, member = (
-                body.spec.name,
-                body.member.loaded_by(scaled(body.member.elasticity.acting, 0.0)),
-            )
-            fields[name], *_ = member.displacement(-of_body, beta[joint.slices[name]], PURPOSE)
-            moved[name] = -member.pull(of_body)  # Bᵀ w
+    w, q, beta, fields, moved = _adjoint(assembly, equations, wanted, result)
     found, known = list[float](), list[str]()
-    for key in derivable(assembly.scene.resolved()):
-        one, lost = None, False
-        try:
-            one = parameter(assembly, key)
-        except InputError:
-            lost = True
-        if world.allreduce(lost, MPI.LOR):
-            continue  # a clamp that cannot change alone
-        assert one is not None
-        known.append(key)
-        bounds = one.bounds(assembly, equations.point.s)
+    for one in _parameters(assembly):
+        known.append(one.key)
         # what γ and changes of bounds add at given forces; around loads and motions, the work of w
-        total = float(q @ equations.along_slip(bounds) + w @ (one.driven - one.opening))
+        along = equations.along_slip(one.bounds(assembly, equations.point.s))
+        total = float(q @ along + w @ (one.driven - one.opening))
         for name in wanted.bounds.keys() & one.law.keys():
-            law, s = one.law[name], equations.point.s[space.parts[name]]
+            law, s = one.law[name], equations.point.s[assembly.space.parts[name]]
             total += float(wanted.bounds[name] @ (law.bound_at(s) + law.bound_at(0.0 * s)))
         for name, case in one.load(assembly, answer.displacements, 1.0).items():
-            total += float(
-                (
-                    fields[name] * (case.f + case.heat - case.taken) + moved[name] * case.prescribed
-                ).sum()
-            )
+            loads, moves = case.f + case.heat, moved[name] * case.prescribed
+            total += float((fields[name] * (loads - case.taken) + moves).sum())
             if name == wanted.body:
-                total -= float((case.f + case.heat)[:, wanted.axis].sum())
+                total -= float(loads[:, wanted.axis].sum())
         if world.rank == 0:
             total += float(beta @ one.force)
             if one.moved and one.moved[0] == wanted.partner:
@@ -138,28 +105,85 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
     totals = world.allreduce(np.array(found))
     gaps = {
         interface.name: -interface.scale * w[part][: interface.m]
-        for interface, part in space.with_slices()
+        for interface, part in assembly.space.with_slices()
     }
     return Entry(zip(known, totals.tolist(), strict=True), gap=Entry(merged(world, gaps)))
 
 
+def _adjoint(
+    assembly: Assembly, equations: Linearisation, wanted: Functional, result: str
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """The answer to the transposed equations, of which dJ = w·ρ + β·de + q·γ: the work of forces w (size,) on changes
+    of gaps ρ, and what forces γ beyond the law add; motions β (rigid.size,); and by body of this rank the displacements
+    (nv, d) under these, and Bᵀ w. Collective. Raises SolverError where GMRES does not solve them precisely."""
+    space, joint = assembly.space, assembly.joint
+    j = wanted.forces
+    if space.any(wanted.moves):  # d(closed) = ρ + Z dα − C ds
+        j = j - joint.product(wanted.moves, PURPOSE, AIM)
+    z, beta, residual = equations.adjoint(j, wanted.motions + joint.rigid.sums(wanted.moves))
+    if residual > ENOUGH:
+        raise SolverError(
+            f"gradient({result!r}): GMRES does not solve the equations to {ENOUGH:.0e}"
+        )
+    w = z + wanted.moves
+    q = j - (joint.product(z, PURPOSE, AIM) if space.any(z) else 0.0) - joint.rigid.spread(beta)
+    fields, moved = dict[str, np.ndarray](), dict[str, np.ndarray]()
+    parts = joint.exchange.spread(w)
+    with agreed(assembly.world):
+        for body, of_body in zip(assembly.bodies, parts, strict=True):
+            name = body.spec.name
+            member = body.member.loaded_by(scaled(body.member.elasticity.acting, 0.0))
+            fields[name], *_ = member.displacement(-of_body, beta[joint.slices[name]], PURPOSE)
+            moved[name] = -member.pull(of_body)  # Bᵀ w
+    return w, q, beta, fields, moved
+
+
+def _parameters(assembly: Assembly) -> Iterator[Parameter]:
+    """By what the answer can be differentiated, but for clamps that cannot change alone. Collective."""
+    for key in derivable(assembly.scene.resolved()):
+        one = None
+        with suppress(InputError):
+            one = parameter(assembly, key)
+        if assembly.world.allreduce(one is not None, MPI.LAND):
+            assert one is not None
+            yield one
+
+
 def functional(assembly: Assembly, states: Mapping[str, ContactState], result: str) -> Functional:
     """The derivative of a result by its name, on this rank's contacts. Raises InputError. Not collective."""
-    scene, space, joint = assembly.scene, assembly.space, assembly.joint
+    space, joint = assembly.space, assembly.joint
+    kind, name, what, axis = _parsed(assembly.scene, result)
+    forces, moves, motions = np.zeros(space.size), np.zeros(space.size), np.zeros(joint.rigid.size)
+    found = Functional(forces, moves, motions, axis=axis)
+    if kind == "contacts":
+        for interface, part in space.with_slices():
+            if interface.name == name and what == "dissipated":
+                _dissipate(found, interface, part, states[name])
+            elif interface.name == name:
+                forces[part] = np.atleast_2d(measures(states[name])[what])[axis]
+    elif kind == "bodies":
+        found.body = name
+    elif what == "displacement":
+        found.partner = name
+        for each in joint.driven:
+            if each.name == name:  # `shift` is linear in the motions
+                shifts = [each.shift(one)[axis] for one in np.eye(len(each.push))]
+                motions[joint.slices[name]] = shifts
+    else:
+        for interface, part in space.with_slices():
+            if interface.bodies[1] == name:
+                forces[part] = interface.directions[:, axis]
+    return found
+
+
+def _parsed(scene: Settled, result: str) -> tuple[str, str, str, int]:
+    """Group, name, entry and component of a result. Raises InputError where it has no gradient."""
     kind, name, what, axis = (*result.split("."), "", "", "")[:4]
     axis = axis.translate(str.maketrans("012", "xyz"))
-    found = Functional(
-        np.zeros(space.size),
-        np.zeros(space.size),
-        np.zeros(joint.rigid.size),
-        axis=max("xyz".find(axis), 0),
-    )
-    vectors = [
-        "force",
-        "reaction",
-        "displacement",
-        *["moment"] * (comb(scene.dimension, 2) > 1),
-    ]  # one for a rotation
+    letters = [f".{letter}" for letter in "xyz"[: scene.dimension]]
+    vectors = ["force", "reaction", "displacement"]
+    if comb(scene.dimension, 2) > 1:  # else there is one moment, for one rotation
+        vectors.append("moment")
     able = [
         f"{group}.{entry.name}.{one}{end}"
         for group, entries in (
@@ -169,49 +193,28 @@ def functional(assembly: Assembly, states: Mapping[str, ContactState], result: s
         )
         for entry in entries
         for one in RESULTS[group]
-        for end in (
-            [f".{letter}" for letter in "xyz"[: scene.dimension]] if one in vectors else [""]
-        )
+        for end in (letters if one in vectors else [""])
     ]
     same = f"{kind}.{name}.{what}" + f".{axis}" * bool(axis)
     if same not in able:
         near = nearest(same, able) or f" (such as {able[0]!r})"
         raise InputError(f"gradient({result!r}): there is no such result{near}")
-    if kind == "bodies":
-        if scene.axisymmetric and found.axis == 0:
-            raise InputError(
-                f"gradient({result!r}): radial reactions of axisymmetric bodies have none; take y"
-            )
-        found.body = name
-    if kind == "rigid" and what == "displacement":
-        found.partner = name
-        for each in joint.driven:
-            if each.name == name:  # `shift` is linear in the motions
-                found.motions[joint.slices[name]] = [
-                    each.shift(one)[found.axis] for one in np.eye(len(each.push))
-                ]
-    for interface, part in space.with_slices():
-        if kind == "rigid" and what == "force" and interface.bodies[1] == name:
-            found.forces[part] = interface.directions[:, found.axis]
-        if kind != "contacts" or interface.name != name:
-            continue
-        state, law, m = states[name], interface.law, interface.m
-        if what != "dissipated":
-            found.forces[part] = np.atleast_2d(measures(state)[what])[
-                found.axis if what in vectors else 0
-            ]
-            continue
-        # ½ (g + g_0) |slip| of the nodes that rub
-        resistance = np.broadcast_to(state.resistance, (m,))[law.sliding]
-        slip, s = state.slip[law.sliding], np.append(state.normal_force, np.zeros(law.size - m))
-        size = magnitude(slip)
-        found.bounds[name] = 0.5 * size * (resistance > 0.0)
-        law.split(found.moves[part])[1][:] = (resistance / np.where(size > 0.0, size, 1.0))[
-            :, None
-        ] * slip
-        np.add.at(
-            found.forces[part],
-            law.sliding,
-            found.bounds[name] * law.slope(s[:m]) * (s[:m] > 0.0)[law.sliding],
+    if kind == "bodies" and scene.axisymmetric and axis == "x":
+        raise InputError(
+            f"gradient({result!r}): radial reactions of axisymmetric bodies have none; take y"
         )
-    return found
+    return kind, name, what, max("xyz".find(axis), 0)
+
+
+def _dissipate(found: Functional, interface: Interface, part: slice, state: ContactState) -> None:
+    """Put the derivative of the work of friction on a contact, ½ (g + g_0) |slip| of the nodes that rub."""
+    law, m = interface.law, interface.m
+    resistance = np.broadcast_to(state.resistance, (m,))[law.sliding]
+    slip, s = state.slip[law.sliding], np.append(state.normal_force, np.zeros(law.size - m))
+    size = magnitude(slip)
+    bounds = 0.5 * size * (resistance > 0.0)
+    slopes = law.slope(s[:m]) * (s[:m] > 0.0)[law.sliding]
+    along = (resistance / np.where(size > 0.0, size, 1.0))[:, None] * slip
+    found.bounds[interface.name] = bounds
+    law.split(found.moves[part])[1][:] = along
+    np.add.at(found.forces[part], law.sliding, bounds * slopes)

@@ -3,7 +3,7 @@ a clamp or a motion, while the contact forces stay."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -17,6 +17,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.law import CoulombLaw, Law, TrescaLaw
 from ddmpi.mesh.boundary import material_numbers
 from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.scene.values import Heat, VolumeForce
 
 
@@ -79,21 +80,15 @@ class Parameter:
             mesh = replace(
                 mesh, triangles=mesh.triangles[material_numbers(mesh, body.spec) == self.young]
             )
-        acting, elasticity = body.member.elasticity.acting, body.member.elasticity
+        elasticity = body.member.elasticity
+        acting = elasticity.acting
         f = -sum_stiffness(mesh, entry).mult(u)
         if acting.heated is not None:
             f += thermal_loads(mesh, entry, acting.warm)[0]
         f /= self.value
         zero, free = np.zeros_like(f), elasticity.supports.free[elasticity.nodes]
-        return LoadCase(
-            f,
-            0.0 * acting.warm,
-            zero,
-            0.0,
-            zero,
-            zero,
-            np.einsum("kij,kj->ki", free, f[elasticity.nodes]).ravel(),
-        )
+        freely = np.einsum("kij,kj->ki", free, f[elasticity.nodes]).ravel()
+        return LoadCase(f, 0.0 * acting.warm, zero, 0.0, zero, zero, freely)
 
 
 def scaled(case: LoadCase | None, factor: float) -> LoadCase:
@@ -104,71 +99,75 @@ def scaled(case: LoadCase | None, factor: float) -> LoadCase:
 
 def parameter(assembly: Assembly, key: str) -> Parameter:
     """The parameter of a valid key. Not collective. Raises InputError."""
-    scene, space, joint = assembly.scene, assembly.space, assembly.joint
     kind, name, *rest = key.split(".")
-    zero = np.zeros(space.size)
-    blank = Parameter(key, 1.0, None, zero, zero, np.zeros(joint.rigid.size))
-    if kind == "body":
-        spec = next(body for body in scene.body if body.name == name)
-        if rest[0] == "material":
-            number = int(rest[1]) if len(rest) > 2 else 0
-            young = spec.materials[number].young
-            assert not isinstance(young, tuple)
-            return replace(blank, body=name, young=number, value=young)
-        alone, value, history = _alone(spec, rest, scene.dimension)
-        cases = [
-            load_cases(body.mesh, alone, supports(body.mesh, alone), body.member.elasticity).cases[
-                history
-            ]
-            for body in assembly.bodies
-            if body.spec.name == name
-        ]
-        return replace(
-            blank, body=name, value=value, history=history, case=cases[0] if cases else None
-        )
-    if kind == "rigid":
-        rigid = next(rigid for rigid in scene.rigid if rigid.name == name)
-        vector, value = _unit(getattr(rigid, rest[0]), rest[1:])
-        along = np.array(vector)
-        if rest[0] != "displacement":
-            force = np.zeros(joint.rigid.size)
-            for each in joint.driven:
-                if each.name == name:
-                    push = (along,) if rest[0] == "force" else (np.zeros(scene.dimension), along)
-                    force[joint.slices[name]] = each.along(*push)
-            return replace(blank, value=value, history=rigid.history, force=force)
-        driven = np.zeros(space.size)
-        for interface, part in space.with_slices():
-            if interface.bodies[1] == name:
+    spec = next(each for each in getattr(assembly.scene, kind) if each.name == name)
+    zero = np.zeros(assembly.space.size)
+    blank = Parameter(key, 1.0, None, zero, zero, np.zeros(assembly.joint.rigid.size))
+    made: dict[str, Callable[..., Parameter]] = {
+        "body": _of_body,
+        "rigid": _of_rigid,
+        "contact": _of_contact,
+    }
+    return made[kind](assembly, blank, spec, rest)
+
+
+def _of_body(
+    assembly: Assembly, blank: Parameter, spec: SettledBody, key: Sequence[str]
+) -> Parameter:
+    """A modulus, or a load or a clamp."""
+    if key[0] == "material":
+        number = int(key[1]) if len(key) > 2 else 0
+        young = spec.materials[number].young
+        assert not isinstance(young, tuple)
+        return replace(blank, body=spec.name, young=number, value=young)
+    alone, value, history = _alone(spec, key, assembly.scene.dimension)
+    case = None
+    for body in assembly.bodies:
+        if body.spec.name == spec.name:
+            held = supports(body.mesh, alone)
+            case = load_cases(body.mesh, alone, held, body.member.elasticity).cases[history]
+    return replace(blank, body=spec.name, value=value, history=history, case=case)
+
+
+def _of_rigid(assembly: Assembly, blank: Parameter, rigid: Rigid, key: Sequence[str]) -> Parameter:
+    """The displacement of a rigid partner, or the force or the moment on it."""
+    vector, value = _unit(getattr(rigid, key[0]), key[1:])
+    along, moving = np.array(vector), replace(blank, value=value, history=rigid.history)
+    if key[0] == "displacement":
+        driven = blank.driven.copy()
+        for interface, part in assembly.space.with_slices():
+            if interface.bodies[1] == rigid.name:
                 driven[part] = -(interface.directions @ along)
-        return replace(
-            blank, value=value, history=rigid.history, driven=driven, moved=(name, along)
-        )
-    contact = next(contact for contact in scene.contact if contact.name == name)
-    own = [(interface, part) for interface, part in space.with_slices() if interface.name == name]
-    if contact.pretension and rest[0] == "pretension":
-        force = np.zeros(joint.rigid.size)
-        for each in joint.driven:
-            if each.bond == name:
-                force[joint.slices[each.name]] = each.push / contact.pretension.force
-        return replace(
-            blank, value=contact.pretension.force, history=contact.pretension.history, force=force
-        )
-    if rest[0] == "friction":
-        given = getattr(contact.friction, rest[1])
-        number = isinstance(given, float | int)
-        return replace(
-            blank,
-            value=float(given) if number else 1.0,
-            law={
-                interface.name: _bound_of(interface.law, interface.area)
-                if number
-                else interface.law
-                for interface, _ in own
-            },
-        )
+        return replace(moving, driven=driven, moved=(rigid.name, along))
+    push = (along,) if key[0] == "force" else (np.zeros(assembly.scene.dimension), along)
+    force = blank.force.copy()
+    for each in assembly.joint.driven:
+        if each.name == rigid.name:
+            force[assembly.joint.slices[each.name]] = each.along(*push)
+    return replace(moving, force=force)
+
+
+def _of_contact(
+    assembly: Assembly, blank: Parameter, contact: SettledContact, key: Sequence[str]
+) -> Parameter:
+    """A pretension, a coefficient or bound of friction, or a gap."""
+    pretension = contact.pretension
+    if pretension and key[0] == "pretension":
+        force = blank.force.copy()
+        for each in assembly.joint.driven:
+            if each.bond == contact.name:
+                force[assembly.joint.slices[each.name]] = each.push / pretension.force
+        return replace(blank, value=pretension.force, history=pretension.history, force=force)
+    own = [both for both in assembly.space.with_slices() if both[0].name == contact.name]
+    if key[0] == "friction":
+        given = getattr(contact.friction, key[1])
+        number, law = isinstance(given, float | int), dict[str, Law]()
+        for interface, _ in own:
+            same = interface.law  # of a profile, a factor changes all of it
+            law[interface.name] = _bound_of(same, interface.area) if number else same
+        return replace(blank, value=float(given) if number else 1.0, law=law)
     gap, history = contact.opening
-    opening, value = np.zeros(space.size), float(gap) if isinstance(gap, float | int) else 1.0
+    value, opening = float(gap) if isinstance(gap, float | int) else 1.0, blank.opening.copy()
     for interface, part in own:
         # every row has the number, but for those of bonds that are held open or together
         opening[part][: interface.m] = interface.gap / value if value else 1.0
@@ -191,16 +190,13 @@ def _alone(
         spec, traction=[], clamp=clamps, volume_force=(0.0,) * dimension, temperature=None
     )
     if key[0] == "volume_force":
-        (given, history) = spec.weight
-        given, value = _unit(given, key[1:])
+        weight, history = spec.weight
+        given, value = _unit(weight, key[1:])
         return change(bare, volume_force=VolumeForce(value=given, history=history)), value, history
     if key[0] == "temperature":
+        history = spec.heat.history
         given, value = _unit(spec.heat.value, ())
-        return (
-            change(bare, temperature=Heat(value=given, history=spec.heat.history)),
-            value,
-            spec.heat.history,
-        )
+        return change(bare, temperature=Heat(value=given, history=history)), value, history
     number, value = int(key[1]), 1.0
     entry: Any = (spec.traction if key[0] == "traction" else spec.clamps)[number]
     if len(key) > 2:

@@ -1,7 +1,7 @@
 """The interface of two bodies: contact nodes, directions, gaps, and the transfers from the nodes of both sides.
 
-`check_overlap` and `refuse_contradiction` find mistakes of a scene. Each rank with one of the two bodies computes the
-same interface from the sides.
+`check_overlap` finds mistakes of a scene, and `contradictions` those of clamps. Each rank with one of the two bodies
+computes the same interface from the sides.
 """
 
 from __future__ import annotations
@@ -17,20 +17,15 @@ import scipy.sparse as sparse
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
-from ddmpi.scene.bodies import Clamp
-from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.outline import Outline
 from ddmpi.surface.side import Side
-from ddmpi.system.numbers import ALIKE, SAME, RigidMotion, in_words
+from ddmpi.system.numbers import ALIKE, RigidMotion
 
 LARGE_OVERLAP = 0.02
 """Warn of an initial overlap above this fraction of the thinner body's depth."""
 
 MANY_ELEMENTS = 5.0
 """Warn of an initial overlap above this multiple of the distance between neighbouring nodes."""
-
-WRONG = {"bonded": "tear the bond apart", "guided": "take the guided sides off each other"}
-"""What clamps that contradict a two-sided law do, by its name."""
 
 
 @dataclass(frozen=True)
@@ -331,127 +326,3 @@ def check_overlap(
             "small-strain theory requires small overlaps"
         ]
     return []
-
-
-@dataclass(frozen=True)
-class Mover:
-    """What prescribes the motion of a side: the `clamps` of its body, or the rigid partner that is this side."""
-
-    side: Side | Rigid
-    clamps: Sequence[Clamp] = ()
-
-    def free(self, places: Places, k: int) -> np.ndarray:
-        """M (n, d, d): `places` move by M e with this side, the k-th, where unconstrained nodes move by e."""
-        axes = np.arange(places.normal.shape[1])
-        return self.at(
-            places,
-            k,
-            self.side.free
-            if isinstance(self.side, Side)
-            else np.diag(1.0 * (np.isin(axes, self.side.pushed) | self.side.turning))[None],
-        )
-
-    def moved(self, places: Places, k: int, factors: Mapping[str | None, float]) -> np.ndarray:
-        """(n, d) the prescribed displacement of places (m), with these factors by history."""
-        u = np.zeros((1, places.normal.shape[1]))
-        for history, moved in (
-            self.side.moved.items()
-            if isinstance(self.side, Side)
-            else [(self.side.history, np.array(self.side.displacement))]
-        ):
-            u = u + factors[history] * moved
-        return self.at(places, k, u)
-
-    def at(self, places: Places, k: int, values: np.ndarray) -> np.ndarray:
-        """(n, …) values at places, from those (j, …) at the nodes of the side, or the one (1, …) of a partner."""
-        if not isinstance(self.side, Side):
-            return values.repeat(len(places.gap), axis=0)
-        whole = np.zeros((self.side.nodes.max() + 1, values[0].size))
-        whole[self.side.nodes] = values.reshape(len(values), -1)
-        return places.moved(k, whole).reshape(-1, *values.shape[1:])
-
-    def words(self, places: Places, k: int, place: int, axes: Sequence[int], u: np.ndarray) -> str:
-        """The clamps or the rigid displacement that prescribe u (d,) of a place along some axes, in words."""
-        values = [f"{'xyz'[axis]} = {u[axis] + 0.0:.6g}" for axis in axes]
-        if not isinstance(self.side, Side):
-            return f"rigid.{self.side.name}.displacement prescribes {', '.join(values)}"
-        node = int(np.argmax(abs(places.transfer[k][[place]].toarray())))
-        numbers = self.side.clamps[self.side.nodes == places.nodes[k][node]][0, axes]
-        return ", ".join(
-            f"body.{self.side.body}.clamp.{number} on {self.clamps[number].on!r} prescribes {value}"
-            for value, number in zip(values, numbers, strict=True)
-            if number >= 0
-        )
-
-
-def refuse_contradiction(
-    interface: Interface,
-    movers: Sequence[Mover],
-    factors: Mapping[float, Mapping[str | None, float]],
-    unit: str = "m",
-) -> None:
-    """InputError where clamps push both sides into each other, which no contact force can prevent. Not collective.
-
-    Bonded sides must not move against each other at all, guided ones not along the normal. An overlap that is
-    drawn or given may stay between clamps: an interference fit is no contradiction. `factors` are by time and history;
-    displacements are linear in between.
-    """
-    if any(isinstance(mover.side, Side) and (mover.side.clamps < 0).all() for mover in movers):
-        return
-    worst, message, law = 0.0, "", interface.law
-    bonded = law.two_sided and not law.frictionless
-    pairs = [
-        Places(interface.nodes, interface.normal, interface.gap, interface.transfer),
-        interface.fixed,
-    ]
-    for places in [interface.probes] if interface.slave else pairs:
-        # Along eigenvectors of M_1 + M_2 with eigenvalue zero neither side can yield to a force. The sum is positive
-        # semi-definite, as projections and means of them are.
-        sizes, axes = np.linalg.eigh(sum(mover.free(places, k) for k, mover in enumerate(movers)))
-        normal, free = np.einsum("nd,ndk->nk", places.normal, axes), np.abs(sizes) > SAME
-        for time, by_history in factors.items():
-            gap = by_history[interface.gap_history] * places.gap[:, None]
-            u = np.array([mover.moved(places, k, by_history) for k, mover in enumerate(movers)])
-            closing, slack = (
-                u[0] - u[1],
-                SAME * (np.abs(gap) + np.linalg.norm(u, axis=2).sum(axis=0)[:, None]),
-            )
-            if bonded:
-                # A bond may keep its gap, or close it wholly or in part: the closing motion u_1 − u_2 must lie between
-                # 0 and gap n along each constrained direction.
-                ends, closing = (
-                    np.stack([0.0 * normal, gap * normal]),
-                    np.einsum("nd,ndk->nk", closing, axes),
-                )
-                beyond = np.maximum(closing - ends.max(axis=0), ends.min(axis=0) - closing)
-                beyond[free] = 0.0
-            else:
-                # A unilateral contact is contradicted if the sides close by more than the gap, and if no direction that
-                # can yield has a component along the normal.
-                across = (closing * places.normal).sum(axis=1, keepdims=True)
-                beyond = across - np.maximum(gap, 0.0)
-                if law.two_sided:  # guided sides must not be pulled apart, either
-                    beyond = np.maximum(beyond, np.minimum(gap, 0.0) - across)
-                beyond[(free & (np.abs(normal) > SAME)).any(axis=1)] = 0.0
-            beyond[beyond <= slack] = 0.0
-            if not beyond.max(initial=0.0) > worst:
-                continue
-            worst = float(beyond.max())
-            place, axis = (
-                int(number) for number in np.unravel_index(np.argmax(beyond), beyond.shape)
-            )
-            along = np.flatnonzero(
-                np.abs(axes[place, :, axis] if bonded else places.normal[place]) > SAME
-            ).tolist()
-            first, second = (
-                mover.words(places, k, place, along, u[k, place]) for k, mover in enumerate(movers)
-            )
-            assert isinstance(movers[0].side, Side)
-            at = in_words(movers[0].at(places, 0, movers[0].side.xy)[place])
-            message = (
-                f"contact.{interface.name}: at {at}{f', at time {time:g},' * (len(factors) > 1)} "
-                f"{first}, and {second}: they {WRONG.get(law.name, 'push the bodies into each other')} by "
-                f"{worst:.3g} {unit}, and no force can prevent that; prescribe motions that go together"
-            )
-    if message:
-        raise InputError(message)

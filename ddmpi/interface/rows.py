@@ -116,15 +116,14 @@ def rows_of(
     measure : (k, j) coefficients of functions with the same integrals that measure gaps, of the first k of `psi`, those
         of the nodes; θ if left out
     """
-    nodes, place = np.flatnonzero(np.diff(coefficients.indptr)), np.full(coefficients.shape[0], -1)
+    nodes = np.flatnonzero(np.diff(coefficients.indptr))
+    place = np.full(coefficients.shape[0], -1)
     place[nodes] = np.arange(len(nodes))
     coefficients, psi = coefficients[nodes], psi.T.tocsr()
     measure = coefficients if measure is None else measure[nodes]
     # D_j = ∫ θ_j, the nodal length; n_j ∝ ∫ θ_j n.
-    area, normal = (
-        coefficients @ (psi @ np.ones(len(over.facet))),
-        unit(coefficients @ (psi @ across)),
-    )
+    area = coefficients @ (psi @ np.ones(len(over.facet)))
+    normal = unit(coefficients @ (psi @ across))
     # the cover measures gaps along the slave's normals; by the cosine they are along the row's normal
     turned = np.einsum("ij,ij->i", unit(measure @ (psi @ over.direction)), normal)
     gap = measure @ (psi @ over.gap) / area * turned
@@ -168,32 +167,24 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
     `moved` (m) is how far bodies have moved along normals at most before. Rows with gaps far larger than that, and than
     overlaps now, become probes, without forces unless one of them closes.
     """
-    sides, side, bonded = rows.sides, rows.sides[rows.slave], contact.kind == "bonded"
+    sides, side = rows.sides, rows.sides[rows.slave]
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
-    clamped = np.stack(
-        [rows.clamped(direction)[0] for direction in frame.swapaxes(0, 1)], axis=-1
-    )  # (2, r, d)
+    directions = frame.swapaxes(0, 1)
+    clamped = np.stack([rows.clamped(each)[0] for each in directions], axis=-1)  # (2, r, d)
     # an unknown that both sides clamp would be a zero row of C; tangents `across` planes of symmetry carry no force
     live = ~clamped.all(axis=0)
     live[:, 1:] &= ~across
-    dropped = (
-        ~live.any(axis=1) if bonded else ~live[:, 0]
-    )  # a bond also carries tangential forces alone
-    keep = np.flatnonzero(~dropped)
-    if len(keep) == 0:
+    # a bond also carries tangential forces alone
+    dropped = ~live.any(axis=1) if contact.kind == "bonded" else ~live[:, 0]
+    if dropped.all():
         raise InputError(
             f"contact.{contact.name}: all nodes of the contact are clamped; there is nothing to solve"
         )
     # a bond whose normal motion is clamped on both sides can never close its gap
     start[~live[:, 0] & ~dropped] = 0.0
-    least = start[keep].min()  # the nearest row stays
-    beyond = (
-        ~dropped
-        & (start > max(least, WIDER * max(moved, -least)))
-        & (not isinstance(contact.friction, Tresca))
-    )
-    left = dropped | beyond  # with Tresca's law open rows have forces, too
+    beyond = _far(contact, start, ~dropped, moved)
+    left = dropped | beyond
     keep = np.flatnonzero(~left)
     sliding = np.flatnonzero(live[keep, 1:].any(axis=1) & holds_along(contact))
 
@@ -201,24 +192,8 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         """The values (r, d) as a vector of the interface."""
         return np.concatenate([values[keep, 0], values[keep[sliding], 1:].ravel()])
 
-    number = np.append(
-        np.where(left, -1, np.cumsum(~left) - 1), -1
-    )  # new numbers of rows; −1 stays −1
-    facets = number[rows.place[(side.facets if side.cell.bears else side.corners)[rows.whole]]]
-    row = number[np.where(rows.bound, -1, rows.place)]
-    lines = replace(
-        rows.lines, row=number[rows.lines.row], area=rows.lines.area * (not rows.pointwise)
-    ).only(~left[rows.lines.row])
-    pull = unit(np.array([contact.pretension.along]))[0] if contact.pretension else np.empty(0)
-    if (
-        len(pull)
-        and (held := np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)).max()
-        > SAME
-    ):
-        raise InputError(
-            f"contact.{contact.name}.pretension: at {in_words(xy[held.argmax()])} clamps hold both sides "
-            f"along {in_words(pull, 3)}, so that the bond cannot be pulled; leave one side free there"
-        )
+    row, facets, lines = _numbered(rows, left)
+    pull = _pull(contact, frame, live, xy)
     xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, keep, start)
     return Interface(
         name=contact.name,
@@ -232,7 +207,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         transfer=places.transfer,
         law=law_of(contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live)),
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
-        facets=facets[(facets >= 0).all(axis=1)],
+        facets=facets,
         laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
         one_sided=of_rows(clamped.any(axis=0)),
         displacement=np.zeros(xy.shape[1]),
@@ -252,6 +227,45 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
     )
 
 
+def _far(contact: SettledContact, start: np.ndarray, some: np.ndarray, moved: float) -> np.ndarray:
+    """Rows (r,) among `some` (r,) whose gaps `start` (r,) do not close. With Tresca's law open rows have forces, too."""
+    least = start[some].min()  # the nearest row stays
+    far = start > max(least, WIDER * max(moved, -least))
+    return some & far & (not isinstance(contact.friction, Tresca))
+
+
+def _numbered(rows: Rows, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, Lines]:
+    """The rows of the slave's nodes (k,), those of facets (f, l) and the lines, by new numbers that leave out the rows
+    `left` (r,); −1 for none."""
+    side = rows.sides[rows.slave]
+    number = np.append(np.where(left, -1, np.cumsum(~left) - 1), -1)  # −1 stays −1
+    nodes = (side.facets if side.cell.bears else side.corners)[rows.whole]
+    facets = number[rows.place[nodes]]
+    area = rows.lines.area * (not rows.pointwise)
+    lines = replace(rows.lines, row=number[rows.lines.row], area=area)
+    return (
+        number[np.where(rows.bound, -1, rows.place)],
+        facets[(facets >= 0).all(axis=1)],
+        lines.only(~left[rows.lines.row]),
+    )
+
+
+def _pull(
+    contact: SettledContact, frame: np.ndarray, live: np.ndarray, xy: np.ndarray
+) -> np.ndarray:
+    """The direction (d,) of a pretension, or none. Raises InputError where clamps hold both sides along it."""
+    if not contact.pretension:
+        return np.empty(0)
+    pull = unit(np.array([contact.pretension.along]))[0]
+    held = np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)
+    if held.max() > SAME:
+        raise InputError(
+            f"contact.{contact.name}.pretension: at {in_words(xy[held.argmax()])} clamps hold both sides "
+            f"along {in_words(pull, 3)}, so that the bond cannot be pulled; leave one side free there"
+        )
+    return pull
+
+
 def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The frames (r, d, d) with tangents turned along the clamps of a row's node, the freest first; and which tangents
     (r, d − 1) both sides constrain: at the row's node, and at a node of the other side that it meets.
@@ -260,21 +274,15 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
     constrain the curvature of the other side, of which only the nodes beside the plane move. A node that is clamped
     along the normal too has a row only for the nodes that share it, and these slide.
     """
-    side, other, transfer = (
-        rows.sides[rows.slave],
-        rows.sides[1 - rows.slave],
-        rows.transfers[1 - rows.slave],
-    )
+    side, other = rows.sides[rows.slave], rows.sides[1 - rows.slave]
+    transfer = rows.transfers[1 - rows.slave]
     free, mean, tangents = side.free[rows.nodes], other.moves_with(transfer), frame[:, 1:]
     # a tangent t moves by M t: the quadratic forms tᵀ Mᵀ M t of both sides, in the basis of the tangents
     turns = sum(tangents @ M.swapaxes(1, 2) @ M @ tangents.swapaxes(1, 2) for M in (free, mean))
     turns = np.linalg.eigh(turns)[1][:, :, ::-1].swapaxes(1, 2)
     turns[~is_touched(free)] = np.eye(tangents.shape[1])
-    tangents, entries, constrained = (
-        turns @ tangents,
-        transfer.tocoo(),
-        np.empty(tangents.shape[:2], bool),
-    )
+    tangents, entries = turns @ tangents, transfer.tocoo()
+    constrained = np.empty(tangents.shape[:2], bool)
     moves = ~is_held(frame[:, 0], free)
     for k, t in enumerate(tangents.swapaxes(0, 1)):
         met = np.bincount(entries.row, is_held(t[entries.row], other.free[entries.col]), len(t))
@@ -288,13 +296,10 @@ def _outline(rows: Rows, keep: np.ndarray) -> Outline:
     side, lines = rows.sides[rows.slave], rows.lines
     facet, xy, hats = drawn_cells(side, rows.covered or whole_facets(side, rows.seen))
     # in space pressures are linear between corners, in the plane order 2 has rows at middles
-    functions, nodes = (
-        (side.cell.shapes(hats), side.facets) if side.cell.bears else (hats, side.corners)
-    )
-    of_lines = sparse.csr_matrix(
-        (np.ones(len(lines.row)), (np.arange(len(lines.row)), lines.row)),
-        (len(lines.row), len(rows.nodes)),
-    )
+    functions, nodes = hats, side.corners
+    if side.cell.bears:
+        functions, nodes = side.cell.shapes(hats), side.facets
+    of_lines = sparse.identity(len(rows.nodes), format="csr")[lines.row]
     at_cells = at_points(functions, nodes[facet], len(side.nodes)) @ rows.interpolation
     shares = sparse.vstack([of_lines, at_cells])[:, keep]
     # Corners of cells at the same place are one point with their mean value, as pieces of two facets differ a little;
@@ -304,26 +309,17 @@ def _outline(rows: Rows, keep: np.ndarray) -> Outline:
     _, first, point = np.unique(place, axis=0, return_index=True, return_inverse=True)
     point = np.argsort(np.argsort(first))[point.ravel()]
     xy = xy[np.sort(first)]
-    shares = (
-        means(
-            sparse.csr_matrix((np.ones(len(point)), (point, np.arange(len(point))))),
-            np.ones(len(xy)),
-        )
-        @ shares
-    )
+    same = sparse.csr_matrix((np.ones(len(point)), (point, np.arange(len(point)))))
+    shares = means(same, np.ones(len(xy))) @ shares
     # Points of which no row is kept take the mean of their neighbours.
     cells, known = point[len(lines.row) :].reshape(-1, side.dimension), shares.getnnz(axis=1) > 0
     cells = cells[known[cells].any(axis=1)]
     near = at_points(np.ones(cells.shape), cells, len(xy))
     shares = (shares + sparse.diags(1.0 * ~known) @ (near.T @ near) @ shares).tocsr()
-    alone = (
-        np.setdiff1d(point[: len(lines.row)][np.isin(lines.row, keep)], cells)
-        if rows.pointwise
-        else cells[:0, 0]
-    )
-    used, cells = np.unique(
-        np.vstack([cells, alone[:, None].repeat(side.dimension, axis=1)]), return_inverse=True
-    )
+    if rows.pointwise:
+        alone = np.setdiff1d(point[: len(lines.row)][np.isin(lines.row, keep)], cells)
+        cells = np.vstack([cells, alone[:, None].repeat(side.dimension, axis=1)])
+    used, cells = np.unique(cells, return_inverse=True)
     return Outline(
         xy[used], cells.reshape(-1, side.dimension), means(shares[used], np.ones(len(used)))
     )
@@ -344,16 +340,12 @@ def _probes(
     """Places between the nodes, or dropped rows that can still move a little, with overlaps that clamps preserve;
     followed by the rows `beyond`."""
     if rows.points is None:
-        moves = (
-            sum(
-                np.abs(np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)).max(axis=1)
-                for side, transfer in zip(rows.sides, rows.transfers, strict=True)
-            )
-            > SAME
-        )
-        return replace(
-            _at_rows(rows, np.append(np.flatnonzero(dropped & moves), beyond), start), stays=1.0
-        )
+        moves = np.zeros(len(start))
+        for side, transfer in zip(rows.sides, rows.transfers, strict=True):
+            along = np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)
+            moves += np.abs(along).max(axis=1)
+        some = np.append(np.flatnonzero(dropped & (moves > SAME)), beyond)
+        return replace(_at_rows(rows, some, start), stays=1.0)
     points, stays = rows.points, [np.zeros(1)]
     if len(beyond):
         one, other = (

@@ -63,47 +63,28 @@ def rows_at_vertices(
 ) -> Rows:
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. At the points `looked`
     the answer will be checked for overlaps. Not collective."""
-    side, other = sides[slave], sides[1 - slave]
-    seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(len(side.nodes), bool)
+    side, other, size = sides[slave], sides[1 - slave], len(sides[slave].nodes)
+    seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(size, bool)
+    met[side.corners[seen]] = True
     # A row at a wholly clamped vertex of quadratic facets constrains the middles beside it.
     clamped, quadratic = ~side.free.any(axis=(1, 2)), not (contact.two_sided or side.cell.bears)
     kept, hats = clamped & quadratic, over.at if contact.two_sided else inset(side, over, looked)
     psi = over.weight[:, None] * hats
     if not contact.two_sided:
         psi = duals(side, over, hats, SAME, 1.0 / 3.0, kept[side.corners])
-    psi = at_points(psi, side.corners[over.facet], len(met))
+    psi = at_points(psi, side.corners[over.facet], size)
     integrals = np.asarray(psi.sum(axis=0)).ravel()
-    dual = mix = sparse.identity(len(met), format="csr")
+    dual = mix = sparse.identity(size, format="csr")
     if quadratic:
         psi, dual, mix = _smoothed(side, over, psi, hats, kept)
-    full, faced = (
-        nodal(np.repeat(side.lengths[some, None] / 3.0, 3, axis=1), side.corners[some], len(met))
-        for some in (slice(None), seen)
-    )  # ∫ of hats over all facets, and over those that are seen
-    met[side.corners[seen]] = True
-    D = nodal(
-        over.weight[:, None] * over.at, side.corners[over.facet], len(met)
-    )  # ∫ of hats over what is covered
-    # Vertices that are hardly covered or wholly clamped share; those of other contacts too, if enough rows remain.
-    clamped &= ~kept
-    shares = (STRIP * faced > integrals) | clamped
-    if not _spread(
-        side.xy[~shares & met]
-    ):  # the contact is small beside the facets: its own size counts
-        shares = (UNCOVERED * integrals.max() > integrals) | clamped
-    also = shares | (_meets_others(side, D, full) & ~kept)
-    if _spread(
-        side.xy[~also & met]
-    ):  # rows along a line would be a hinge that the scene does not have
-        shares = also
-    shares[~met] = False
-    pairs, size = links(side.corners[seen], 3), len(side.nodes)
+    shares = met & _sharing(side, over, integrals, met, clamped, kept)
+    pairs = links(side.corners[seen], 3)
     near = sparse.csr_matrix(
         (np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size)
     )
     across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
     if np.isfinite(other.modulus):  # else the rigid partner's normal alone
-        across += at_points(over.at, side.corners[over.facet], len(met)) @ side.normal
+        across += at_points(over.at, side.corners[over.facet], size) @ side.normal
     points = between(sides, slave, over)
 
     def shared() -> Rows:
@@ -123,20 +104,42 @@ def rows_at_vertices(
         rows = shared()
     facets = rows.place[side.corners]
     complete = (facets >= 0).all(axis=1)
-    lines = Lines(
-        np.arange(len(rows.nodes)),
-        side.xy[rows.nodes],
-        rows.area,
-        facets[seen & complete],
-        rows.transfers[slave] @ side.xy,
-    )
+    row, xy, at = np.arange(len(rows.nodes)), side.xy[rows.nodes], rows.transfers[slave] @ side.xy
     return replace(
         rows,
         whole=rows.whole & complete,
-        lines=lines,
+        lines=Lines(row, xy, rows.area, facets[seen & complete], at),
         points=between(sides, slave, looked),
         waves=quadratic,
     )
+
+
+def _sharing(
+    side: Side,
+    over: Cover,
+    integrals: np.ndarray,
+    met: np.ndarray,
+    clamped: np.ndarray,
+    kept: np.ndarray,
+) -> np.ndarray:
+    """Vertices (k,) that share their functions, if enough rows remain: those with small `integrals` (k,), those that
+    are wholly `clamped` (k,), and those of other contacts; none that is `kept` (k,)."""
+    corners, size = side.corners, len(met)
+    areas = np.repeat(side.lengths[:, None] / 3.0, 3, axis=1)
+    seen = np.isin(np.arange(len(corners)), over.facet)
+    # ∫ of hats over all facets, over those that are seen, and over what is covered
+    full, faced = nodal(areas, corners, size), nodal(areas[seen], corners[seen], size)
+    D = nodal(over.weight[:, None] * over.at, corners[over.facet], size)
+    held = clamped & ~kept
+    shares = (STRIP * faced > integrals) | held
+    if not _spread(side.xy[~shares & met]):
+        # the contact is small beside the facets: its own size counts
+        shares = (UNCOVERED * integrals.max() > integrals) | held
+    also = shares | (_meets_others(side, D, full) & ~kept)
+    # rows along a line would be a hinge that the scene does not have
+    if _spread(side.xy[~also & met]):
+        shares = also
+    return shares
 
 
 def _smoothed(
@@ -154,14 +157,10 @@ def _smoothed(
     lie between 1/4 and 1 on triangles of any shape. Gaps are measured with ψ itself, which is less sensitive to the
     shape of curved sides between vertices.
     """
-    one, whole = (
-        sparse.identity(len(side.nodes), format="csr"),
-        np.bincount(over.facet, over.weight, len(side.facets)),
-    )
-    inside = sparse.diags((whole >= (1.0 - LACKING) * side.areas)[over.facet] * 1.0)
-    phi = inside @ at_points(
-        hats * ~kept[side.corners[over.facet]], side.corners[over.facet], len(side.nodes)
-    )
+    one, corners = sparse.identity(len(side.nodes), format="csr"), side.corners[over.facet]
+    covered = np.bincount(over.facet, over.weight, len(side.facets))
+    inside = sparse.diags((covered >= (1.0 - LACKING) * side.areas)[over.facet] * 1.0)
+    phi = inside @ at_points(hats * ~kept[corners], corners, len(side.nodes))
     weighted = sparse.diags(over.weight) @ phi
     M = (weighted.T @ phi).tocsr()
     D = np.asarray(M.sum(axis=1)).ravel()
@@ -236,9 +235,7 @@ def _fixed_along_rim(rows: Rows) -> np.ndarray:
     along /= np.linalg.norm(along, axis=1)[:, None]
     first, second = edges.T
     both = is_held(along, side.free[first]) & is_held(along, side.free[second])
-    axis, edge = (
-        np.abs(along).argmax(axis=1),
-        np.arange(len(edges)),
-    )  # one cell between two planes is no such edge
+    # one cell between two planes is no such edge
+    axis, edge = np.abs(along).argmax(axis=1), np.arange(len(edges))
     both &= side.clamps[first][edge, axis] == side.clamps[second][edge, axis]
     return np.isin(rows.nodes, edges[both])

@@ -128,47 +128,26 @@ class Factors:
     """
 
     def __init__(self, A: PETSc.Mat, B: sparse.csr_matrix, order: np.ndarray | None) -> None:
-        settings, run, comm = _settings(), _function(), A.comm.tompi4py()
+        settings, comm = _settings(), A.comm.tompi4py()
         k, n = B.shape
-        self._run, self._memory = run, ctypes.create_string_buffer(_SPACE)
-        head = _STRUCTURES[0].from_buffer(self._memory)
-        head.sym, head.par, head.job, head.comm_fortran = (
-            1,
-            1,
-            -1,
-            comm.py2f(),
-        )  # the same in all versions
-        run(self._memory)
-        self._end = weakref.finalize(self, _end, run, self._memory)
-        self._end.atexit = False
-        self._data = data = self._known()
-        parallel = comm.size > 1
-        data.icntl[0], data.icntl[2], data.icntl[3] = (
-            -1,
-            6 if settings.get(4) else -1,
-            0,
-        )  # messages if asked for
-        data.icntl[17], data.icntl[18] = 3 * parallel, 1  # whose entries; a Schur complement
-        entries = _entries(A, B)
-        length = ("nnz", "nnz_loc")[parallel]
-        setattr(data, length, len(entries[0]))
-        for name, array in zip(("irn", "jcn", "a"), entries, strict=True):
-            setattr(data, name + "_loc" * parallel, array.ctypes.data)
+        self._size, self._run = k, _function()
+        self._memory = ctypes.create_string_buffer(_SPACE)
+        self._data = data = self._started(comm)
+        # messages if asked for; whose entries; a Schur complement
+        data.icntl[0], data.icntl[2], data.icntl[3] = -1, 6 if settings.get(4) else -1, 0
+        data.icntl[17], data.icntl[18] = 3 * (comm.size > 1), 1
+        local = "_loc" * (comm.size > 1)
+        irn, jcn, a = _entries(A, B)
+        arrays = {"irn" + local: irn, "jcn" + local: jcn, "a" + local: a}
+        setattr(data, "nnz" + local, len(a))
         data.n, data.size_schur = comm.bcast((n + k, k))
-        self._size = k
-        last, places, schur = (
-            np.arange(n + 1, n + k + 1, dtype=np.int32),
-            np.zeros(0, np.int32),
-            np.zeros((k, k)),
-        )
-        data.listvar_schur, data.schur, self._listed = last.ctypes.data, schur.ctypes.data, last
-        if order is not None:
-            places = np.concatenate([order + np.int32(1), last])
-            data.perm_in, data.icntl[6], data.icntl[57] = (
-                places.ctypes.data,
-                1,
-                2,
-            )  # symbolically, by counting columns
+        schur, self._listed = np.zeros((k, k)), np.arange(n + 1, n + k + 1, dtype=np.int32)
+        data.listvar_schur, data.schur = self._listed.ctypes.data, schur.ctypes.data
+        if order is not None:  # symbolically, by counting columns
+            arrays["perm_in"] = np.concatenate([order + np.int32(1), self._listed])
+            data.icntl[6], data.icntl[57] = 1, 2
+        for name, array in arrays.items():
+            setattr(data, name, array.ctypes.data)
         for number, value in settings.items():
             data.icntl[number - 1] = value
         try:
@@ -177,25 +156,25 @@ class Factors:
         except MumpsError:
             self.destroy()
             raise
-        for name in (
-            "irn",
-            "jcn",
-            "a",
-            "irn_loc",
-            "jcn_loc",
-            "a_loc",
-            "perm_in",
-        ):  # these arrays go
+        for name in arrays:  # MUMPS needs them no more
             setattr(data, name, None)
         # MUMPS leaves 0 − B A⁻¹ Bᵀ = −C on the variables of the Schur complement.
         self.condensed = np.negative(schur, out=schur).T if comm.rank == 0 else None
         self._check(B, comm)
 
+    def _started(self, comm: MPI.Comm) -> ctypes.Structure:
+        """The structure of a new instance of MUMPS. Raises RefusedError for an unknown version."""
+        head = _STRUCTURES[0].from_buffer(self._memory)  # the same in all versions
+        head.sym, head.par, head.job, head.comm_fortran = 1, 1, -1, comm.py2f()
+        self._run(self._memory)
+        self._end = weakref.finalize(self, _end, self._run, self._memory)
+        self._end.atexit = False
+        return self._known()
+
     def solve(self, f: np.ndarray | None) -> np.ndarray | None:
         """A⁻¹ f (n,), both on the first rank; None elsewhere."""
-        work = (
-            np.zeros(0) if f is None else np.concatenate([f, np.zeros(self._size)])
-        )  # of which the end is ignored
+        # the end of it is ignored
+        work = np.zeros(0) if f is None else np.concatenate([f, np.zeros(self._size)])
         self._data.rhs, self._data.nrhs, self._data.lrhs = work.ctypes.data, 1, len(work)
         self._do(3)
         return None if f is None else work[: len(f)]
@@ -221,9 +200,8 @@ class Factors:
         solved, agrees = self.solve(B.T @ np.ones(B.shape[0]) if comm.rank == 0 else None), True
         if solved is not None and self.condensed is not None:
             moved = dsymv(1.0, self.condensed, np.ones(B.shape[0]))
-            size = max(
-                np.linalg.norm(moved), self.condensed.diagonal().max()
-            )  # sums of rows may nearly cancel
+            # sums of rows may nearly cancel
+            size = max(np.linalg.norm(moved), self.condensed.diagonal().max())
             agrees = bool(np.linalg.norm(B @ solved - moved) <= AGREEMENT * size)
         if not comm.bcast(agrees):
             self.destroy()

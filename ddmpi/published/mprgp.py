@@ -56,11 +56,8 @@ class TaoType:
         """Called by TAOSolve. Collective on the TAO's communicator."""
         X, H = tao.getSolution(), tao.getHessian()[0]
         feasible = self.constraints or Box(*(bound.array_r for bound in tao.getVariableBounds()))
-        self._tolerance, self._limit, self._iteration = (
-            tao.getTolerances()[0],
-            tao.getMaximumIterations(),
-            0,
-        )
+        self._tolerance, *_ = tao.getTolerances()
+        self._limit, self._iteration = tao.getMaximumIterations(), 0
         P, HP = X.duplicate(), X.duplicate()
         X.array[:] = feasible.project(X.array_r)
         G = tao.getGradient()[0]
@@ -130,75 +127,60 @@ class MPRGP(TaoType):
         norm: float,
     ) -> int:
         self.steps, p = dict.fromkeys(("cg", "expansion", "proportioning"), 0), np.empty(0)
-        Hp, curvature = (
-            np.zeros_like(x),
-            0.0,
-        )  # with curvature 0 the next conjugate gradient step starts anew
+        # with curvature 0 the next conjugate gradient step starts anew
+        Hp, curvature = np.zeros_like(x), 0.0
+
+        def along(p: np.ndarray, Hp: np.ndarray) -> list[float]:
+            """pᵀ H p, gᵀ p, pᵀ p, and the longest feasible step against p."""
+            return reduce(p, Hp, g, p, p, p, least=feasible.longest_step(x, p))
+
+        def rise(change: np.ndarray, H_change: np.ndarray) -> float:
+            """By how much a change of x raises the objective ½ xᵀ H x − xᵀ d."""
+            slope, bent = reduce(change, g, change, H_change)
+            return slope + 0.5 * bent
+
         while True:
-            # proportional: ‖chopped‖² ≤ Γ² (reduced free)·free, the paper's test of whether the active bounds may stay
             free, chopped = feasible.split(g, x)
+            both, reduced = free + chopped, feasible.reduced(free, x, STEP / norm)
             gradient, leading, gain, beta = reduce(
-                free + chopped,
-                free + chopped,
-                chopped,
-                chopped,
-                feasible.reduced(free, x, STEP / norm),
-                free,
-                free,
-                Hp,
+                both, both, chopped, chopped, reduced, free, free, Hp
             )
             reason = self._ends(math.sqrt(gradient))
             if reason is not None:
                 return reason
-            expansion, proportional = False, leading <= PROPORTION**2 * gain
-            if proportional:
-                p = free - (beta / curvature) * p if curvature else free  # β = freeᵀ H p
-                Hp = multiply(p)
-                curvature, slope, size, longest = reduce(
-                    p, Hp, g, p, p, p, least=feasible.longest_step(x, p)
-                )
-                if not curvature > 0.0:  # underflow, or not a number
-                    return TaoReason.DIVERGED_NAN
-                norm, step = (
-                    max(norm, curvature / size),
-                    slope / curvature,
-                )  # Rayleigh quotients improve ‖H‖ from below
-                expansion = step > longest
-            if not proportional:
+            # proportional: ‖chopped‖² ≤ Γ² (reduced free)·free, the paper's test of whether the active bounds may stay
+            if not leading <= PROPORTION**2 * gain:
                 self.steps["proportioning"] += 1
                 H_chopped = multiply(chopped)
-                bent, slope, size, longest = reduce(
-                    chopped,
-                    H_chopped,
-                    g,
-                    chopped,
-                    chopped,
-                    chopped,
-                    least=feasible.longest_step(x, chopped),
-                )
+                bent, slope, size, longest = along(chopped, H_chopped)
                 norm, step = max(norm, bent / size), min(slope / bent, longest)
                 change, H_change, curvature = -step * chopped, -step * H_chopped, 0.0
-            elif not expansion:
-                self.steps["cg"] += 1
-                change, H_change = -step * p, -step * Hp
             else:
-                self.steps["expansion"] += 1
-                # the projected conjugate gradient step, if it lowers ½ xᵀ H x − xᵀ d: by change·g + ½ changeᵀ H change
-                curvature, change = 0.0, feasible.project(x - step * p) - x
-                H_change = multiply(change)
-                falls, bent = reduce(change, g, change, H_change)
-                if (
-                    falls + 0.5 * bent >= 0.0
-                ):  # else the paper's: to the bound, then a step of fixed length
-                    half_x, half_g = x - longest * p, g - longest * Hp
-                    half_free = feasible.split(half_g, half_x)[0]
-                    while True:
-                        change = feasible.project(half_x - STEP / norm * half_free) - x
-                        H_change = multiply(change)
-                        falls, bent = reduce(change, g, change, H_change)
-                        if not falls + 0.5 * bent > 0.0:
-                            break
-                        norm *= 2.0  # the estimate, from below, was too small
+                p = free - (beta / curvature) * p if curvature else free  # β = freeᵀ H p
+                Hp = multiply(p)
+                curvature, slope, size, longest = along(p, Hp)
+                if not curvature > 0.0:  # underflow, or not a number
+                    return TaoReason.DIVERGED_NAN
+                # Rayleigh quotients improve ‖H‖ from below
+                norm, step = max(norm, curvature / size), slope / curvature
+                if not step > longest:
+                    self.steps["cg"] += 1
+                    change, H_change = -step * p, -step * Hp
+                else:
+                    self.steps["expansion"] += 1
+                    # the projected conjugate gradient step, if it lowers the objective
+                    curvature, change = 0.0, feasible.project(x - step * p) - x
+                    H_change = multiply(change)
+                    if rise(change, H_change) >= 0.0:
+                        # else the paper's: to the bound, then a step of fixed length
+                        half_x, half_g = x - longest * p, g - longest * Hp
+                        half_free = feasible.split(half_g, half_x)[0]
+                        while True:
+                            change = feasible.project(half_x - STEP / norm * half_free) - x
+                            H_change = multiply(change)
+                            if not rise(change, H_change) > 0.0:
+                                break
+                            norm *= 2.0  # the estimate, from below, was too small
             x += change
             g += H_change
             x[:] = feasible.project(x)  # removes rounding

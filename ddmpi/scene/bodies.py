@@ -65,34 +65,39 @@ class Material(Table, frozen=True, kw_only=True):
     expansion: Number | Three | None = None
 
     def __post_init__(self) -> None:
-        rows = [isinstance(value, tuple) for value in (self.young, self.poisson)]
-        if rows[0] != rows[1] or rows[0] != (self.shear is not None):
-            raise ValueError(
-                "an isotropic material has young = E and poisson = ν; an orthotropic one young = [E1, E2, "
-                "E3], poisson = [ν12, ν13, ν23] and shear = G12 or, in space, [G12, G13, G23]"
-            )
-        along_axes = {"angle": self.angle, "axes": self.axes, "expansion": self.expansion}
-        for key, value in () if rows[0] else along_axes.items():
-            if isinstance(value, tuple) or (key == "angle" and value is not None):
-                raise ValueError(
-                    f"{key}: an isotropic material has no axes; "
-                    + ("write expansion = α" if key == "expansion" else "leave it out")
-                )
+        self._check_kind()
         if self.thickness != 1.0 and self.plane != "stress":
             raise ValueError('thickness: such parts are in plane stress; write plane = "stress"')
         if self.axes and not np.cross(*self.axes).any():
             raise ValueError(
                 "axes: both are parallel or zero; the second lies beside axis 1, in the plane of 1 and 2"
             )
+        if self.shear is None:
+            return
         scale = np.sqrt(self.moduli)
-        if (
-            rows[0]
-            and not np.linalg.eigvalsh(self._matrix[:3, :3] * scale[:, None] * scale).min() > ALIKE
-        ):
+        scaled = self._matrix[:3, :3] * scale[:, None] * scale
+        if not np.linalg.eigvalsh(scaled).min() > ALIKE:
             raise ValueError(
                 "poisson: no material has these ratios and moduli: the matrix of its compliances is not "
                 "positive definite; ν12 is −ε2/ε1 under stress along axis 1, so that |ν12| < √(E1/E2)"
             )
+
+    def _check_kind(self) -> None:
+        """ValueError unless all keys are those of an isotropic or of an orthotropic material."""
+        orthotropic = self.shear is not None
+        rows = [isinstance(value, tuple) for value in (self.young, self.poisson)]
+        if rows != [orthotropic, orthotropic]:
+            raise ValueError(
+                "an isotropic material has young = E and poisson = ν; an orthotropic one young = [E1, E2, "
+                "E3], poisson = [ν12, ν13, ν23] and shear = G12 or, in space, [G12, G13, G23]"
+            )
+        if orthotropic:
+            return
+        for key in ("angle", "axes"):
+            if getattr(self, key) is not None:
+                raise ValueError(f"{key}: an isotropic material has no axes; leave it out")
+        if isinstance(self.expansion, tuple):
+            raise ValueError("expansion: an isotropic material has no axes; write expansion = α")
 
     def of_one_dimension(self, axisymmetric: bool) -> Iterator[tuple[int, str, str]]:
         """Keys of one dimension only: the dimension, the key, and the reason."""
@@ -100,9 +105,7 @@ class Material(Table, frozen=True, kw_only=True):
             yield (
                 3 if axisymmetric else 2,
                 "plane",
-                (
-                    "solids and axisymmetric bodies are neither in plane strain nor in plane stress; leave it out"
-                ),
+                "solids and axisymmetric bodies are neither in plane strain nor in plane stress; leave it out",
             )
         if self.angle is not None:
             yield (
@@ -125,13 +128,13 @@ class Material(Table, frozen=True, kw_only=True):
     @property
     def _matrix(self) -> np.ndarray:
         """Compliance matrix (6, 6) of an orthotropic material, for ε11, ε22, ε33, 2 ε12, 2 ε13, 2 ε23 (1/Pa)."""
-        E, (n12, n13, n23) = (
+        E, G = (
             self.moduli,
-            self.poisson if isinstance(self.poisson, tuple) else [self.poisson] * 3,
-        )
-        S = np.diag(
-            1.0 / np.append(E, np.array(self.shear) * np.ones(3))
+            np.array(self.shear) * np.ones(3),
         )  # in the plane G13 and G23 do not count
+        assert isinstance(self.poisson, tuple)
+        n12, n13, n23 = self.poisson
+        S = np.diag(1.0 / np.append(E, G))
         S[0, 1:3] = S[1:3, 0] = -np.array([n12, n13]) / E[0]
         S[1, 2] = S[2, 1] = -n23 / E[1]
         return S

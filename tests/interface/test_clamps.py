@@ -8,7 +8,7 @@ from boundaries import join, rectangle, side, touch, turned
 
 from ddmpi.body.loads import supports
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Mover, refuse_contradiction
+from ddmpi.interface.contradictions import Mover, refuse_contradiction
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
 from ddmpi.scene.contacts import NoFriction, Plane

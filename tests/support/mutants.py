@@ -900,7 +900,7 @@ MUTANTS = [
         ),
         (
             "an overlap between clamps is refused",
-            "interface/interface",
+            "interface/contradictions",
             "- np.maximum(gap, 0.0)",
             "- gap",
             "scenes/test_fits.py::test_an_overlap_of_clamped_nodes_is_none_of_the_answer",
@@ -1000,7 +1000,7 @@ MUTANTS = [
         (
             "hats of clamped vertices are smoothed",
             "interface/vertices",
-            "hats * ~kept[side.corners[over.facet]]",
+            "hats * ~kept[corners]",
             "hats",
             "interface/test_quadratic_facets.py",
         ),
@@ -1587,7 +1587,7 @@ MUTANTS = [
         ),
         (
             "a guide may be pulled apart by clamps",
-            "interface/interface",
+            "interface/contradictions",
             "np.maximum(beyond, np.minimum(gap, 0.0) - across)",
             "beyond",
             f"{GUIDED}::test_clamps_that_contradict_a_guide",
