@@ -1,5 +1,6 @@
 """Pictures of contacts: all of them on the bodies, and each contact of solids as maps of its surface."""
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -64,97 +65,22 @@ def draw_contacts(results: Results) -> Any:
     contact, of solids with its end on the first body there, unless the line misses it; one that would cover another
     stands beside it.
     """
-    units, contacts, d = results.summary["units"], results.summary["contacts"], results.dimension
-    skin, points = skin_of(results), results.points
-    measure = np.bincount(
-        results.fields["body"], np.abs(signed_measures(points, results.fields["cells"]))
-    )
+    sizes = np.abs(signed_measures(results.points, results.fields["cells"]))
+    measure, d = np.bincount(results.fields["body"], sizes), results.dimension
     size = WIDEST[d] * float(np.median(measure ** (1.0 / d)))
     forces, largest = _resultants(results, size)
-    shown = (
-        results.contacts
-        if d == 2
-        else {contact["name"]: results.contacts[contact["name"]] for contact in pressed(results)}
-    )
-    stresses = np.nan_to_num(np.concatenate([table["normal_stress"] for table in shown.values()]))
-    low, top = stresses.min(initial=0.0), np.abs(stresses).max(initial=0.0)
-    (factor, unit_of), (times, of_force) = (
-        scaled_unit(top, units["stress"]),
-        scaled_unit(largest, units["force"]),
-    )
-    kind, counted, legend = "pressure" if low >= 0.0 else "normal stress", "", list[Any]()
-    counts = {zone: sum(contact[zone] for contact in contacts.values()) for zone in ZONES}
+    factor, unit_of = scaled_unit(largest, results.summary["units"]["force"])
+    counted, legend = "", list[Any]()
     if forces:
-        legend.append(
-            Line2D(
-                [],
-                [],
-                color=COLOURS["force"],
-                marker=">",
-                label=f"resultants on the first body, largest {rounded(largest / times)} {of_force}",
-            )
-        )
+        words = f"resultants on the first body, largest {rounded(largest / factor)} {unit_of}"
+        legend.append(Line2D([], [], color=COLOURS["force"], marker=">", label=words))
     if results.dimension == 2:
-        areas, rims, zones, colours = _profiles(results, 0.8 * size / (top or 1.0))
-        sheet = Sheet(results, np.vstack([points, *areas, *forces.values()]), rigid_parts(results))
-        sheet.show([Surface(points, skin.facets, filled("still"))])
-        shade = {"facecolor": COLOURS["normal"] + "60", "edgecolor": COLOURS["normal"]}
-        sheet.axes.add_collection(PolyCollection(areas, **shade | {"edgecolor": "none"}, zorder=4))
-        sheet.axes.add_collection(
-            PolyCollection(
-                rims, closed=False, **shade | {"facecolor": "none"}, linewidth=0.6, zorder=4
-            )
-        )
-        sheet.lines(zones, colors=colours, linewidth=2.2, capstyle="butt", zorder=5)
-        words = f"{kind}, largest {rounded(top / factor)} {unit_of}"
-        legend = [Patch(**shade, label=words), *legend, *zone_legend(counts)]
-        sheet.figure.set_figheight(sheet.figure.get_figheight() + 0.5)  # for the legend
-        sheet.write(list(results.summary["bodies"]), middles(results))
+        sheet, shade = _draw_profiles(results, size, list(forces.values()))
+        contacts = results.summary["contacts"].values()
+        counts = {zone: sum(contact[zone] for contact in contacts) for zone in ZONES}
+        legend = [shade, *legend, *zone_legend(counts)]
     else:
-        shifts = apart(results, View(points, results.summary["scene"]["output"]))
-        at = skin.extended(
-            points + np.array([shifts[name] for name in results.summary["bodies"]])[owners(results)]
-        )
-        area = np.where(stresses, np.concatenate([table["area"] for table in shown.values()]), 0.0)
-        most = limits(np.abs(stresses), area, PRESSED)[1] if top else 1.0
-        image = signed_colours(-most / factor * (low < 0.0), most / factor, "YlOrRd")
-        painted = list(painted_by(results, shown, shifts, image, factor))
-        sheet = Sheet(
-            results, np.vstack([at[skin.beyond <= 0.0], *(surface.at for surface, _ in painted)])
-        )
-        sheet.show(
-            [
-                Surface(at, skin.facets, filled("still"), skin.beyond),
-                *(surface for surface, _ in painted),
-            ]
-        )
-        sheet.colours(
-            image,
-            f"{kind} ({unit_of})",
-            ("both" if low < 0.0 else "max") if most < top else "neither",
-        )
-        first = {
-            contact["name"]: contact["bodies"][0] for contact in results.summary["scene"]["contact"]
-        }
-        # the first body is pushed by an arrow that ends at the contact
-        forces = {
-            name: np.stack([ends[0], ends.mean(axis=0)]) + shifts[first[name]]
-            for name, ends in forces.items()
-        }
-        places, values = (
-            np.vstack([surface.at for surface, _ in painted]),
-            np.concatenate([p for _, p in painted]),
-        )
-        beyond = np.concatenate([surface.beyond for surface, _ in painted])
-        seen = np.flatnonzero((values >= values.max()) & sheet.shows(places, beyond))
-        if top and len(seen):
-            mark(sheet.axes, sheet.place(places[seen[0]])[:2], f"{rounded(values.max())} {unit_of}")
-        most_at = max(
-            shown, key=lambda name: np.nan_to_num(shown[name]["normal_stress"]).max(initial=0.0)
-        )
-        if values.max() > 0.0:
-            hidden = "" if len(seen) else " (out of sight)"
-            counted = f", largest pressure {rounded(values.max())} {unit_of} at {most_at}{hidden}"
+        sheet, forces, counted = _draw_painted(results, forces)
     width = ASIDE * np.ptp(sheet.axes.get_ylim())
     for ends in _aside([sheet.place(ends)[:, :2] for ends in forces.values()], width):
         sheet.axes.annotate(
@@ -174,6 +100,87 @@ def draw_contacts(results: Results) -> Any:
         above(sheet.axes, legend, 2 + (sheet.figure.get_figwidth() > sheet.figure.get_figheight()))
     sheet.title(f"{results.heading(True)}contact forces{counted}", ", ")
     return sheet.figure
+
+
+def _stresses(
+    results: Results, tables: Mapping[str, Columns]
+) -> tuple[np.ndarray, str, float, str]:
+    """The normal stresses of contacts, what they are called, and the number and the name of their unit."""
+    stresses = np.nan_to_num(np.concatenate([table["normal_stress"] for table in tables.values()]))
+    kind = "pressure" if stresses.min(initial=0.0) >= 0.0 else "normal stress"
+    top = np.abs(stresses).max(initial=0.0)
+    return stresses, kind, *scaled_unit(top, results.summary["units"]["stress"])
+
+
+def _draw_profiles(
+    results: Results, size: float, forces: Sequence[np.ndarray]
+) -> tuple[Sheet, Patch]:
+    """Bodies in the plane with the normal stresses along contacts, the largest 0.8 `size` (m) high, and zones; with room
+    for `forces`. The sheet, and what the legend says of the stresses."""
+    stresses, kind, factor, unit_of = _stresses(results, results.contacts)
+    top = np.abs(stresses).max(initial=0.0)
+    areas, rims, zones, colours = _profiles(results, 0.8 * size / (top or 1.0))
+    sheet = Sheet(results, np.vstack([results.points, *areas, *forces]), rigid_parts(results))
+    sheet.show([Surface(results.points, skin_of(results).facets, filled("still"))])
+    edge, face = COLOURS["normal"], COLOURS["normal"] + "60"
+    sheet.axes.add_collection(PolyCollection(areas, facecolor=face, edgecolor="none", zorder=4))
+    ends = PolyCollection(
+        rims, closed=False, facecolor="none", edgecolor=edge, linewidth=0.6, zorder=4
+    )
+    sheet.axes.add_collection(ends)
+    sheet.lines(zones, colors=colours, linewidth=2.2, capstyle="butt", zorder=5)
+    sheet.figure.set_figheight(sheet.figure.get_figheight() + 0.5)  # for the legend
+    sheet.write(list(results.summary["bodies"]), middles(results))
+    words = f"{kind}, largest {rounded(top / factor)} {unit_of}"
+    return sheet, Patch(facecolor=face, edgecolor=edge, label=words)
+
+
+def _draw_painted(
+    results: Results, forces: Mapping[str, np.ndarray]
+) -> tuple[Sheet, dict[str, np.ndarray], str]:
+    """Solids apart, with the pressures painted on both sides of contacts. The sheet, the ends (2, 3) of `forces` on it,
+    and what the title says of the largest pressure."""
+    scene, skin = results.summary["scene"], skin_of(results)
+    shown = {contact["name"]: results.contacts[contact["name"]] for contact in pressed(results)}
+    stresses, kind, factor, unit_of = _stresses(results, shown)
+    signed, top = stresses.min(initial=0.0) < 0.0, np.abs(stresses).max(initial=0.0)
+    shifts = apart(results, View(results.points, scene["output"]))
+    off = np.array([shifts[name] for name in results.summary["bodies"]])
+    at = skin.extended(results.points + off[owners(results)])
+    area = np.where(stresses, np.concatenate([table["area"] for table in shown.values()]), 0.0)
+    most = limits(np.abs(stresses), area, PRESSED)[1] if top else 1.0
+    image = signed_colours(-most / factor * signed, most / factor, "YlOrRd")
+    painted = list(painted_by(results, shown, shifts, image, factor))
+    surfaces = [surface for surface, _ in painted]
+    sheet = Sheet(results, np.vstack([at[skin.beyond <= 0.0], *(each.at for each in surfaces)]))
+    sheet.show([Surface(at, skin.facets, filled("still"), skin.beyond), *surfaces])
+    ends = "both" if signed else "max"
+    sheet.colours(image, f"{kind} ({unit_of})", ends if most < top else "neither")
+    first = {contact["name"]: contact["bodies"][0] for contact in scene["contact"]}
+    # the first body is pushed by an arrow that ends at the contact
+    on_first = {
+        name: np.stack([ends[0], ends.mean(axis=0)]) + shifts[first[name]]
+        for name, ends in forces.items()
+    }
+    if not top:
+        return sheet, on_first, ""
+    name = max(shown, key=lambda each: np.nan_to_num(shown[each]["normal_stress"]).max(initial=0.0))
+    return sheet, on_first, _mark_largest(sheet, painted, unit_of, name)
+
+
+def _mark_largest(
+    sheet: Sheet, painted: Sequence[tuple[Surface, np.ndarray]], unit_of: str, name: str
+) -> str:
+    """Mark the largest pressure, which is on the contact `name`, where it is seen; what the title says of it."""
+    places = np.vstack([surface.at for surface, _ in painted])
+    beyond = np.concatenate([surface.beyond for surface, _ in painted])
+    values = np.concatenate([pressures for _, pressures in painted])
+    words = f"{rounded(values.max())} {unit_of}"
+    seen = np.flatnonzero((values >= values.max()) & sheet.shows(places, beyond))
+    if len(seen):
+        mark(sheet.axes, sheet.place(places[seen[0]])[:2], words)
+    hidden = "" if len(seen) else " (out of sight)"
+    return f", largest pressure {words} at {name}{hidden}" * bool(values.max() > 0.0)
 
 
 def _resultants(results: Results, size: float) -> tuple[dict[str, np.ndarray], float]:
@@ -230,12 +237,8 @@ def _profiles(
         table, facets = drawn_rows(results.contacts[name], results.facets[name])
         for chain in chains(facets):
             at = vectors(table)[chain]
-            ends = (
-                at
-                - scale
-                * np.nan_to_num(table["normal_stress"])[chain, None]
-                * vectors(table, "n")[chain]
-            )
+            heights = scale * np.nan_to_num(table["normal_stress"])[chain, None]
+            ends = at - heights * vectors(table, "n")[chain]
             edges = np.vstack([at[:1], (at[1:] + at[:-1]) / 2, at[-1:]])
             areas.append(np.vstack([at, ends[::-1]]))
             rims.append(ends if chain[0] == chain[-1] else np.vstack([at[:1], ends, at[-1:]]))
@@ -246,41 +249,77 @@ def _profiles(
 
 def draw_maps(results: Results, name: str) -> Any:
     """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
-    surface, cells, summary = results.surfaces[name], results.cells(name), results.summary
-    table = results.contacts[name]
-    at, labels, along = flatten(
-        surface["points"], cells, *directions(vectors(table, "n"), table["area"])
-    )
-    asked = next(contact for contact in summary["scene"]["contact"] if contact["name"] == name)
-    visible = RESOLVED * summary["displacement_max"]
+    surface, cells, units = results.surfaces[name], results.cells(name), results.summary["units"]
+    table, visible = results.contacts[name], RESOLVED * results.summary["displacement_max"]
+    lie = directions(vectors(table, "n"), table["area"])
+    at, labels, along = flatten(surface["points"], cells, *lie)
     gaps, slips = (np.abs(surface[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
-    bears, has_shear = np.any(surface["pressure"]), np.any(surface["friction"])
-    stress = surface["pressure"]
-    tension = -stress.min(initial=0.0) > RESOLVED * np.abs(stress).max(initial=0.0)
-    maps: list[tuple[str, str, str, str] | None] = []
-    if bears:
-        maps.append(("normal stress" if tension else "pressure", "pressure", "stress", "Blues"))
-    maps += [None, ("friction", "friction", "stress", "Oranges")] if has_shear else [None]
-    if gaps or (asked["friction"]["law"] != "none" and slips):
-        maps.append(
-            ("gap", "gap", "length", "Greens") if gaps else ("slip", "slip", "length", "Purples")
-        )
+    maps = _maps(results, name, gaps, slips)
     edges, owner = rim(surface["points"], cells)
     ends = at[owner[:, None], (cells[owner, None] == edges[:, :, None]).argmax(axis=2)]
     low, high = _shown(at, surface["status"][cells] != STATUS.index("open"))
     near = ((at >= low) & (at <= high)).all(axis=2).any(axis=1)
-    at, cells, (width, height) = at[near], cells[near], high - low
-    columns = (
-        1
-        if width > MAPS["long"] * height
-        or len(maps) == 1
-        or (width > 2.5 * height and len(maps) < 4)
-        else 2
-    )
-    columns += len(maps) == 3 and width < 0.8 * height
-    rows = -(-len(maps) // columns)
+    at, cells = at[near], cells[near]
+    figure, grid = _grid(len(maps), *(high - low))
+    for axes in grid.ravel()[len(maps) :]:
+        axes.remove()
+    for axes, panel in zip(grid.ravel(), maps, strict=False):
+        if panel:
+            what, field, quantity, colours = panel
+            most = np.abs(surface[field]).max(initial=0.0) or results.summary["displacement_max"]
+            factor, unit_of = scaled_unit(most, units[quantity])
+            values = surface[field][cells].ravel() / factor
+            _draw_values(axes, at, values, colours, f"{what} ({unit_of})", unit_of)
+            if what == "friction" and slips:
+                _draw_slip(axes, at, along, cells, surface, units["length"])
+        else:
+            _draw_zones(axes, at, surface["status"][cells], results.summary["contacts"][name])
+        axes.add_collection(LineCollection(ends, colors=COLOURS["still"], linewidth=0.7))
+        axes.set(
+            aspect="equal",
+            xlabel=f"{labels[0]} ({units['length']})",
+            ylabel=f"{labels[1]} ({units['length']})",
+            xlim=(low[0], high[0]),
+            ylim=(low[1], high[1]),
+        )
+        axes.label_outer()
+    columns = grid.shape[1]
+    if len(maps) % columns:  # there is none below
+        grid.ravel()[len(maps) - columns].xaxis.set_tick_params(labelbottom=True)
+    of_one = f" of {name}" if len(results.contacts) > 1 else ""
+    bears = np.any(surface["pressure"])
+    figure.suptitle(f"{results.heading(True)}contact{of_one}{'' if bears else ': open everywhere'}")
+    return figure
+
+
+def _maps(
+    results: Results, name: str, gaps: bool, slips: bool
+) -> list[tuple[str, str, str, str] | None]:
+    """The maps of a contact: words, field, quantity and colours of each; None for that of zones."""
+    stress = results.surfaces[name]["pressure"]
+    asked = next(each for each in results.summary["scene"]["contact"] if each["name"] == name)
+    tension = -stress.min(initial=0.0) > RESOLVED * np.abs(stress).max(initial=0.0)
+    maps: list[tuple[str, str, str, str] | None] = []
+    if np.any(stress):
+        maps.append(("normal stress" if tension else "pressure", "pressure", "stress", "Blues"))
+    maps.append(None)
+    if np.any(results.surfaces[name]["friction"]):
+        maps.append(("friction", "friction", "stress", "Oranges"))
+    if gaps:
+        maps.append(("gap", "gap", "length", "Greens"))
+    elif slips and asked["friction"]["law"] != "none":
+        maps.append(("slip", "slip", "length", "Purples"))
+    return maps
+
+
+def _grid(number: int, width: float, height: float) -> tuple[Any, np.ndarray]:
+    """A figure and axes for a `number` of maps that are so wide and so high (m)."""
+    long = width > MAPS["long"] * height or (width > 2.5 * height and number < 4)
+    columns = 1 if long or number == 1 else 2
+    columns += number == 3 and width < 0.8 * height
+    rows = -(-number // columns)
     tall = np.clip((9.6 / columns - 1.6) * height / width, 0.8, 4.2) + 0.55
-    figure, grid = plt.subplots(
+    return plt.subplots(
         rows,
         columns,
         figsize=(9.6, rows * tall + 0.5),
@@ -289,51 +328,26 @@ def draw_maps(results: Results, name: str) -> Any:
         layout="compressed",
         squeeze=False,
     )
-    for axes in grid.ravel()[len(maps) :]:
-        axes.remove()
-    for axes, panel in zip(grid.ravel(), maps, strict=False):
-        if panel:
-            what, field, quantity, colours = panel
-            factor, unit_of = scaled_unit(
-                np.abs(surface[field]).max(initial=0.0) or summary["displacement_max"],
-                summary["units"][quantity],
-            )
-            values = surface[field][cells].ravel() / factor
-            least = values.min(initial=0.0)
-            image = signed_colours(
-                least * (least < -RESOLVED * np.abs(values).max(initial=0.0)),
-                values.max(initial=0.0),
-                colours,
-            )
-            axes.tripcolor(
-                *at.reshape(-1, 2).T,
-                np.arange(len(values)).reshape(-1, 3),
-                values,
-                shading="gouraud",
-                norm=image.norm,
-                cmap=image.cmap,
-                rasterized=True,
-            )
-            figure.colorbar(image, ax=axes, label=f"{what} ({unit_of})", aspect=15, pad=0.02)
-            mark(axes, at.reshape(-1, 2)[np.argmax(values)], f"{rounded(values.max())} {unit_of}")
-            if what == "friction" and slips:
-                _draw_slip(axes, at, along, cells, surface, summary["units"]["length"])
-        else:
-            _draw_zones(axes, at, surface["status"][cells], summary["contacts"][name])
-        axes.add_collection(LineCollection(ends, colors=COLOURS["still"], linewidth=0.7))
-        axes.set(
-            aspect="equal",
-            xlabel=f"{labels[0]} ({summary['units']['length']})",
-            ylabel=f"{labels[1]} ({summary['units']['length']})",
-            xlim=(low[0], high[0]),
-            ylim=(low[1], high[1]),
-        )
-        axes.label_outer()
-    if len(maps) % columns:  # there is none below
-        grid.ravel()[len(maps) - columns].xaxis.set_tick_params(labelbottom=True)
-    of_one = f" of {name}" if len(results.contacts) > 1 else ""
-    figure.suptitle(f"{results.heading(True)}contact{of_one}{'' if bears else ': open everywhere'}")
-    return figure
+
+
+def _draw_values(
+    axes: Any, at: np.ndarray, values: np.ndarray, colours: str, label: str, unit_of: str
+) -> None:
+    """Colour cells (c, 3, 2) by values (3 c,) at their corners, with a bar, and mark the largest."""
+    least, places = values.min(initial=0.0), at.reshape(-1, 2)
+    negative = least < -RESOLVED * np.abs(values).max(initial=0.0)
+    image = signed_colours(least * negative, values.max(initial=0.0), colours)
+    axes.tripcolor(
+        *places.T,
+        np.arange(len(values)).reshape(-1, 3),
+        values,
+        shading="gouraud",
+        norm=image.norm,
+        cmap=image.cmap,
+        rasterized=True,
+    )
+    axes.figure.colorbar(image, ax=axes, label=label, aspect=15, pad=0.02)
+    mark(axes, places[np.argmax(values)], f"{rounded(values.max())} {unit_of}")
 
 
 def _shown(at: np.ndarray, closed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -366,19 +380,15 @@ def flatten(
             along = np.delete(np.eye(3), k, axis=0)
             names = "xyz".replace("xyz"[k], "")
         else:
-            right = (
-                unit(np.cross([0.0, 0.0, 1.0], front))
-                if abs(front[2]) < 0.9
-                else unit(np.cross([0.0, 1.0, 0.0], front))
-            )
+            upwards = [0.0, 0.0, 1.0] if abs(front[2]) < 0.9 else [0.0, 1.0, 0.0]
+            right = unit(np.cross(upwards, front))
             along, names = np.stack([right, np.cross(front, right)]), ""
         labels = list(names) or [
             "along\n({:g}, {:g}, {:g})".format(*(np.round(vector, 2) + 0.0)) for vector in along
         ]
         at = (points @ along.T)[cells]
-        if (
-            np.linalg.norm(mean) <= FACING
-        ):  # as seen along the normal those at the back stand under those in front
+        # as seen along the normal those at the back stand under those in front
+        if np.linalg.norm(mean) <= FACING:
             level = np.round(
                 (points @ front)[cells].mean(axis=1)
                 / (MAPS["apart"] * np.ptp(points, axis=0).max())
@@ -389,12 +399,10 @@ def flatten(
         return at, (labels[0], labels[1]), np.broadcast_to(along, (len(points), 2, 3))
     normal = outward(points, cells)
     axis = axes[:, 0] * np.sign(axes[np.abs(axes[:, 0]).argmax(), 0])
-    planes = (
-        np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)
-    )  # distances from its normal
-    middle = np.linalg.lstsq(
-        planes.sum(axis=0), np.einsum("lij,lj->i", planes, points), rcond=None
-    )[0]
+    # distances from its normal
+    planes = np.eye(3) - normal[:, :, None] * normal[:, None, :] - np.outer(axis, axis)
+    right = np.einsum("lij,lj->i", planes, points)
+    middle = np.linalg.lstsq(planes.sum(axis=0), right, rcond=None)[0]
     first = unit(np.cross(axis, np.eye(3)[np.abs(axis).argmin()]))
     away = points - middle
     angle = np.arctan2(away @ np.cross(axis, first), away @ first)
@@ -415,14 +423,9 @@ def flatten(
 
 def _draw_zones(axes: Any, at: np.ndarray, status: np.ndarray, counts: dict) -> None:
     """Colour the parts of cells (c, 3, 2) that are nearest to their corners by the status (c, 3) of these."""
-    after, before, middle = (
-        np.roll(at, -1, axis=1),
-        np.roll(at, 1, axis=1),
-        at.mean(axis=1, keepdims=True),
-    )
-    quarters = np.stack(
-        [at, (at + after) / 2, np.broadcast_to(middle, at.shape), (at + before) / 2], axis=2
-    )
+    after, before = np.roll(at, -1, axis=1), np.roll(at, 1, axis=1)
+    middle = np.broadcast_to(at.mean(axis=1, keepdims=True), at.shape)
+    quarters = np.stack([at, (at + after) / 2, middle, (at + before) / 2], axis=2)
     colours = [ZONES[STATUS[value]] for value in status.ravel().astype(int)]
     axes.add_collection(
         PolyCollection(
