@@ -60,6 +60,7 @@ PLACES = {
     # pictures, and meshes that are made or drawn
     "mesh/geometry": 1,
     "pictures/draw": 1,
+    "pictures/contacts": 1,
     "pictures/curves": 2,
     "pictures/moved": 1,
     # columns, units and the name of the preconditioner

@@ -42,10 +42,7 @@ COMPLEX = {
     "mesh/read:read_mesh": 21,
     "methods/newton:Newton._iterate": 21,
     "methods/newton:Newton.run": 22,
-    "pictures/bodies:animate": 26,
     "pictures/browser:_page": 39,
-    "pictures/curves:draw_contact": 18,
-    "pictures/views:View.__init__": 17,
     "results/fields:write_fields": 18,
     "results/histories:at_step": 26,
     "run/answer:Model.solve": 16,
@@ -64,7 +61,6 @@ COMPLEX = {
     "scene/scene:Scene._check_partners": 20,
     "scene/scene:Scene._misplaced": 35,
     "scene/scene:Scene.settled": 19,
-    "sweep/plots:draw_curves": 24,
 }
 """Functions of the program beyond `ruler.MOST_COMPLEX`, with their complexity. Numbers only fall."""
 
@@ -80,9 +76,7 @@ LONG = {
     "derive/entries:entries_of": 62,
     "interface/matching:face_rigid": 62,
     "mesh/read:read_mesh": 63,
-    "pictures/bodies:animate": 109,
     "pictures/browser:_page": 135,
-    "pictures/curves:draw_contact": 90,
     "results/histories:at_step": 105,
     "run/gather:_write_steps": 64,
     "run/gather:gather_summary": 69,

@@ -3,7 +3,7 @@
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,7 +30,7 @@ from ddmpi.pictures.sheet import (
 from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import owners
 from ddmpi.results.histories import load_steps
-from ddmpi.results.tables import Results
+from ddmpi.results.tables import Columns, Results
 from ddmpi.system.files import writing
 from ddmpi.system.numbers import ALIKE, RigidMotion, crossed, scaled_unit
 
@@ -152,9 +152,8 @@ def _both_halves(
 ) -> list[np.ndarray]:
     """Triangles (f, 3), places (nv, 2) and values (nv,) of a half-plane x ≥ 0 together with their mirror images."""
     number = np.arange(len(at))
-    other = np.where(
-        still[:, 0] == 0.0, number, number + len(at)
-    )  # the mirror image of a node on the axis is the node
+    # the mirror image of a node on the axis is the node
+    other = np.where(still[:, 0] == 0.0, number, number + len(at))
     return [
         np.vstack([facets, other[facets[:, ::-1]]]),
         *(np.vstack([array, array * (-1.0, 1.0)]) for array in (at, still)),
@@ -196,12 +195,8 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
-    points, names, owner, skin = (
-        results.points,
-        list(results.summary["bodies"]),
-        owners(results),
-        skin_of(results),
-    )
+    points, names = results.points, list(results.summary["bodies"])
+    owner, skin = owners(results), skin_of(results)
     centres, d, going = np.array(middles(results)), results.dimension, {}
     velocities = np.zeros((len(names), len(mechanism["bodies"][0]["velocity"])))
     for body in mechanism["bodies"]:
@@ -255,11 +250,8 @@ def middles(results: Results) -> list[np.ndarray]:
     """A node (d,) of each body for its name, far from the boundary and as near as possible to the middle of its box."""
     from scipy.spatial import cKDTree
 
-    owner, edge, places = (
-        owners(results),
-        np.unique(boundary_facets(results.fields["cells"], results.dimension)[0]),
-        [],
-    )
+    owner, places = owners(results), []
+    edge = np.unique(boundary_facets(results.fields["cells"], results.dimension)[0])
     for k in range(owner.max() + 1):
         nodes = results.points[owner == k]
         depth = cKDTree(results.points[edge[owner[edge] == k]]).query(nodes)[0]
@@ -279,106 +271,121 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     import matplotlib.pyplot as plt
     from PIL import Image
 
-    skin, dimension, largest, top, least = skin_of(results), results.dimension, 0.0, 0.0, 0.0
-    scene, areas = results.summary["scene"], skin.areas(results.points)
-    what = scene["output"].get("animation") or True
+    skin, output = skin_of(results), results.summary["scene"]["output"]
+    what = output.get("animation") or True
     pressing = [contact["name"] for contact in pressed(results) if what == "pressure"]
-    view = View(results.points, scene["output"])
-    painted = pressing if view.solid else []
+    shown = [COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
     steps = partial(load_steps, results, folder, int(ANIMATION["frames"]))
-    shown = (
-        ()
-        if what in ("pressure", "displacement")
-        else [COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
-    )
-    for _, fields, surfaces in steps(shown):
-        largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
-        values, quantity, unit = coloured(results, fields, what)
-        ends = limits(skin.extended(values), areas, BRIGHTEST)
-        if pressing:
-            quantity, unit = "pressure", scene["output"]["stress_unit"]
-            values = np.concatenate(
-                [np.zeros(1), *(np.nan_to_num(surfaces[name]["pressure"]) for name in pressing)]
-            )
-            ends = 0.0, limits(values, values > 0.0, PRESSED)[1]
-        least, top = min(least, ends[0]), max(top, ends[1])
-    factor, shift = magnify(results, largest)
-    shifts = apart(results, view) if painted else {}
+    seen = partial(steps, () if what in ("pressure", "displacement") else shown)
+    (least, top), (quantity, unit), largest = _extremes(results, seen(), what, pressing, skin)
+    factor, shift, shifts = *magnify(results, largest), dict[str, np.ndarray]()
     if pressing:
-        still = [shifts.get(name, np.zeros(dimension)) for name in results.summary["bodies"]]
+        view, nowhere = View(results.points, output), np.zeros(results.dimension)
+        shifts = apart(results, view) if view.solid else {}
+        still = [shifts.get(name, nowhere) for name in results.summary["bodies"]]
         factor, shift = 0.0, np.array(still)[owners(results)]
+
+    def moved(fields: Columns) -> np.ndarray:
+        at = fields["points"] + factor * fields["displacement"]
+        return at[:, : results.dimension] + shift
+
     low = high = results.points + shift
     for _, fields, _ in steps():
-        at = (fields["points"] + factor * fields["displacement"])[:, :dimension] + shift
-        low, high = np.minimum(low, at), np.maximum(high, at)
+        low, high = np.minimum(low, moved(fields)), np.maximum(high, moved(fields))
+    reached = [skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]
     scale, unit = scaled_unit(max(top, -least), unit)
     image = signed_colours(least / scale, top / scale, "YlOrRd" if pressing else "viridis")
-    sheet = Sheet(
-        results,
-        np.vstack([skin.extended(state)[skin.beyond <= 0.0] for state in (low, high)]),
-        pixels=int(ANIMATION["pixels"]),
-    )
+    sheet = Sheet(results, np.vstack(reached), pixels=int(ANIMATION["pixels"]))
     sheet.colours(image, f"{quantity} ({unit})", "both" if least < 0.0 else "max")
     sheet.figure.set_dpi(80)
-    path, frames = folder / "animation.gif", []
-    for time, fields, surfaces in steps(shown):
+    frames = []
+    for time, fields, surfaces in seen():
         sheet.clear()
-        at = skin.extended(
-            (fields["points"] + factor * fields["displacement"])[:, :dimension] + shift
-        )
-        values = skin.extended(coloured(results, fields, what)[0])[skin.facets] / scale
-        body = Surface(
-            at,
-            skin.facets,
-            filled("still") if pressing else by_value(values, image),
-            skin.beyond,
-            plain=not pressing,
-        )
-        sheet.meet(() if painted else rigid_parts(results, factor, time))
-        sheet.show(
-            [
-                body,
-                *(
-                    surface
-                    for surface, _ in painted_by(
-                        replace(results, surfaces=surfaces), painted, shifts, image, scale
-                    )
-                ),
-            ]
-        )
-        if pressing and not painted:
-            sheet.facets(
-                [
-                    (
-                        surfaces[name]["points"][:, :2],
-                        surfaces[name]["cells"],
-                        np.nan_to_num(surfaces[name]["pressure"]) / scale,
-                    )
-                    for name in pressing
-                ],
-                image,
-            )
-        sheet.figure.suptitle(
-            title + f"time {time:.4g}" + f", displacement × {factor:g}" * (not pressing)
-        )
+        at, words = skin.extended(moved(fields)), f"{title}time {time:.4g}"
+        if pressing:
+            body = Surface(at, skin.facets, filled("still"), skin.beyond)
+            now = replace(results, surfaces=surfaces)
+            _draw_pressures(sheet, now, body, pressing, shifts, image, scale, time)
+        else:
+            values = skin.extended(coloured(results, fields, what)[0])[skin.facets] / scale
+            paint = by_value(values, image)
+            sheet.meet(rigid_parts(results, factor, time))
+            sheet.show([Surface(at, skin.facets, paint, skin.beyond, plain=True)])
+            words += f", displacement × {factor:g}"
+        sheet.figure.suptitle(words)
         sheet.figure.canvas.draw()
         sheet.figure.set_layout_engine("none")  # as the first frame has it
         frames.append(Image.fromarray(np.asarray(sheet.figure.canvas.buffer_rgba())).convert("RGB"))
     plt.close(sheet.figure)
+    return _write_frames(folder / "animation.gif", frames)
+
+
+def _extremes(
+    results: Results, steps: Iterable[Any], what: str | bool, pressing: Sequence[str], skin: Skin
+) -> tuple[tuple[float, float], tuple[str, str], float]:
+    """The ends of the colours over all load steps, in SI units, what they stand for and its unit; and the largest
+    displacement (m)."""
+    largest = least = top = 0.0
+    areas, unit_of_stress = (
+        skin.areas(results.points),
+        results.summary["scene"]["output"]["stress_unit"],
+    )
+    for _, fields, surfaces in steps:
+        largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
+        if pressing:
+            words = "pressure", unit_of_stress
+            pressures = [np.nan_to_num(surfaces[name]["pressure"]) for name in pressing]
+            values = np.concatenate([np.zeros(1), *pressures])
+            ends = 0.0, limits(values, values > 0.0, PRESSED)[1]
+        else:
+            values, *told = coloured(results, fields, what)
+            words = told[0], told[1]
+            ends = limits(skin.extended(values), areas, BRIGHTEST)
+        least, top = min(least, ends[0]), max(top, ends[1])
+    return (least, top), words, largest
+
+
+def _draw_pressures(
+    sheet: Sheet,
+    results: Results,
+    body: Surface,
+    pressing: Sequence[str],
+    shifts: Mapping[str, np.ndarray],
+    image: Any,
+    scale: float,
+    time: float,
+) -> None:
+    """Draw bodies and the pressures on contacts: painted on both sides of solids, in the plane as lines."""
+    if sheet.view.solid:
+        painted = painted_by(results, pressing, shifts, image, scale)
+        sheet.show([body, *(surface for surface, _ in painted)])
+        return
+    sheet.meet(rigid_parts(results, 0.0, time))
+    sheet.show([body])
+    sides = [results.surfaces[name] for name in pressing]
+    lines = [
+        (side["points"][:, :2], side["cells"], np.nan_to_num(side["pressure"]) / scale)
+        for side in sides
+    ]
+    sheet.facets(lines, image)
+
+
+def _write_frames(path: Path, frames: Sequence[Any]) -> Path:
+    """Write pictures of one size as a GIF with one palette, and where ffmpeg is installed as a video. Raises
+    OutputError."""
+    from PIL import Image
+
     some = frames[:: len(frames) // 20 + 1]
     pixels = np.concatenate([np.asarray(frame)[::2, ::2].reshape(-1, 3) for frame in some])
     colours, number = np.unique(pixels, axis=0, return_counts=True)
-    weight = number**0.3 * (
-        colours.min(axis=1) < 246
-    )  # by areas alone, the largest stresses would lose their colours
-    palette = Image.fromarray(colours.repeat(np.rint(weight).astype(int), axis=0)[None]).quantize(
-        255
-    )
+    # by areas alone, the largest stresses would lose their colours
+    weight = number**0.3 * (colours.min(axis=1) < 246)
+    weighted = colours.repeat(np.rint(weight).astype(int), axis=0)
+    palette = Image.fromarray(weighted[None]).quantize(255)
     palette.putpalette([*palette.getpalette()[:765], 255, 255, 255])
     first, *others = (frame.quantize(palette=palette, dither=Image.Dither.NONE) for frame in frames)
-    rate = float(
-        np.clip(len(frames) / ANIMATION["seconds"], ANIMATION["slowest"], ANIMATION["fastest"])
-    )
+    rate = len(frames) / ANIMATION["seconds"]
+    rate = float(np.clip(rate, ANIMATION["slowest"], ANIMATION["fastest"]))
     with writing(path):
         path.unlink(missing_ok=True)  # it may be a link
         first.save(path, save_all=True, append_images=others, loop=0, duration=1000.0 / rate)
@@ -390,10 +397,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
 def _write_video(path: Path, frames: Sequence[Any], rate: float, ffmpeg: str) -> None:
     """Write pictures of one size as a video in H.264, of which the sides are even. Raises OutputError."""
     width, height = frames[0].size
-    with (
-        writing(path),
-        tempfile.TemporaryFile() as raw,
-    ):  # no pipe: PETSc ends a program whose pipe is closed
+    # no pipe: PETSc ends a program whose pipe is closed
+    with writing(path), tempfile.TemporaryFile() as raw:
         path.unlink(missing_ok=True)
         raw.writelines(frame.tobytes() for frame in frames)
         raw.seek(0)

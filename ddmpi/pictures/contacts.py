@@ -74,7 +74,7 @@ def draw_contacts(results: Results) -> Any:
     if forces:
         words = f"resultants on the first body, largest {rounded(largest / factor)} {unit_of}"
         legend.append(Line2D([], [], color=COLOURS["force"], marker=">", label=words))
-    if d == 2:
+    if results.dimension == 2:
         sheet, shade = _draw_profiles(results, size, list(forces.values()))
         contacts = results.summary["contacts"].values()
         counts = {zone: sum(contact[zone] for contact in contacts) for zone in ZONES}
@@ -180,7 +180,7 @@ def _mark_largest(
     if len(seen):
         mark(sheet.axes, sheet.place(places[seen[0]])[:2], words)
     hidden = "" if len(seen) else " (out of sight)"
-    return f", largest pressure {words} at {name}{hidden}" * (values.max() > 0.0)
+    return f", largest pressure {words} at {name}{hidden}" * bool(values.max() > 0.0)
 
 
 def _resultants(results: Results, size: float) -> tuple[dict[str, np.ndarray], float]:

@@ -19,9 +19,9 @@ from ddmpi.system.numbers import scaled_unit
 MARKED = 100  # curves of at most this many nodes have a marker at each
 SHADE = 0.35  # opacity of zones behind curves
 LOOPS = 3  # largest number of contacts, those with the largest forces, with loops and stresses in pictures
-ALIKE = (
-    0.01  # forces of two contacts that differ by less than this, over the largest, are drawn as one
-)
+ALIKE = 0.01
+"""Forces of two contacts that differ by less than this, over the largest, are drawn as one."""
+
 CURVES = 8  # largest number of ends of legs in a picture, from the first to the last
 
 
@@ -30,87 +30,31 @@ def draw_contact(results: Results, name: str) -> Any:
 
     With quadratic elements the curves of the stresses are means over sides, and dots are the nodes' stresses.
     """
-    (nodes, facets), sides = (
-        drawn_rows(results.contacts[name], results.facets[name]),
-        results.sides.get(name),
-    )
-    units, breaks = (
-        results.summary["units"],
-        np.array([chain[0] for chain in chains(facets)[1:]], int),
-    )
-    contact = next(
-        contact for contact in results.summary["scene"]["contact"] if contact["name"] == name
-    )
-    friction, frictional = contact["friction"], contact["friction"]["law"] != "none"
+    nodes, facets = drawn_rows(results.contacts[name], results.facets[name])
+    breaks = np.array([chain[0] for chain in chains(facets)[1:]], int)
+    scene = results.summary["scene"]
+    contact = next(contact for contact in scene["contact"] if contact["name"] == name)
+    frictional = contact["friction"]["law"] != "none"
     position, along = _position(nodes)
-    shown, place, apart, extent = nodes, position, breaks, ""
-    if sides:  # the middle of a side is a node
-        at = dict(zip(zip(nodes["x"], nodes["y"], strict=True), range(len(position)), strict=True))
-        rows = np.array([at[point] for point in zip(sides["x"], sides["y"], strict=True)])
-        apart = 1 + np.flatnonzero(
-            (np.diff(rows) != 2) | np.diff(np.searchsorted(breaks, rows, "right")).astype(bool)
-        )
-        shown, place, extent = sides, position[rows], ",\nmean over sides"
     figure, (stresses, motion) = plt.subplots(
         2, 1, sharex=True, figsize=(8.6, 6.0), gridspec_kw={"height_ratios": (3, 2)}
     )
-    factor, unit = scaled_unit(np.abs(nodes["normal_stress"]).max(), units["stress"])
-    for kind, label in {"normal": "normal (pressure)", "tangential": "tangential"}.items():
-        if kind == "normal" or frictional or contact.get("kind") == "bonded":
-            if sides:
-                stresses.plot(
-                    position,
-                    nodes[f"{kind}_stress"] / factor,
-                    ".",
-                    markersize=4,
-                    alpha=0.6,
-                    color=COLOURS[kind],
-                )
-            _curve(
-                stresses,
-                place,
-                shown[f"{kind}_stress"] / factor,
-                apart,
-                color=COLOURS[kind],
-                label=label + extent,
-            )
-    bound = _slip_bound(shown, friction) if frictional else None
-    if bound is not None:
-        for sign, label in ((1, "± slip bound"), (-1, "")):
-            _curve(
-                stresses,
-                place,
-                sign * bound / factor,
-                apart,
-                marker="",
-                color=COLOURS["bound"],
-                linestyle="--",
-                linewidth=1,
-                label=label,
-            )
+    unit = _draw_along(stresses, results, contact, nodes, breaks)
     stresses.set_ylabel(f"contact stress ({unit})")
     of_one = f" of {name}" if len(results.contacts) > 1 else ""
     stresses.set_title(f"{results.heading(True)}contact stresses{of_one}")
 
+    length = results.summary["units"]["length"]
+    shown = ["gap", "slip"] if frictional else ["gap"]
     largest = max(np.abs(nodes["gap"]).max(), np.abs(nodes["slip"]).max())
     visible = RESOLVED * results.summary["displacement_max"]
-    factor, unit = scaled_unit(max(largest, visible), units["length"])
+    factor, unit = scaled_unit(max(largest, visible), length)
     if 0 < largest < visible:  # rounding, not motion
         motion.set_ylim(-visible / factor, visible / factor)
-    _curve(motion, position, nodes["gap"] / factor, breaks, color=COLOURS["normal"], label="gap")
-    if frictional:
-        _curve(
-            motion,
-            position,
-            nodes["slip"] / factor,
-            breaks,
-            color=COLOURS["tangential"],
-            label="slip",
-        )
-    motion.set(
-        xlabel=f"{along} ({units['length']})",
-        ylabel=f"{'gap, slip' if frictional else 'gap'} ({unit})",
-    )
+    for what, kind in zip(shown, ("normal", "tangential"), strict=False):
+        values = nodes[what] / factor
+        _curve(motion, position, values, breaks, color=COLOURS[kind], label=what)
+    motion.set(xlabel=f"{along} ({length})", ylabel=f"{', '.join(shown)} ({unit})")
 
     for axes in (stresses, motion):
         axes.axhline(0.0, color="black", linewidth=0.6)
@@ -122,14 +66,50 @@ def draw_contact(results: Results, name: str) -> Any:
     return figure
 
 
+def _draw_along(
+    axes: Any, results: Results, contact: dict, nodes: Columns, breaks: np.ndarray
+) -> str:
+    """Draw the stresses along a contact, tangential ones where it carries shear, and the slip bound; their unit."""
+    sides, (position, _) = results.sides.get(contact["name"]), _position(nodes)
+    shown, place, apart, extent = nodes, position, breaks, ""
+    if sides:
+        rows = _rows_of_sides(nodes, sides)
+        piece = np.searchsorted(breaks, rows, "right")
+        apart = 1 + np.flatnonzero((np.diff(rows) != 2) | np.diff(piece).astype(bool))
+        shown, place, extent = sides, position[rows], ",\nmean over sides"
+    factor, unit = scaled_unit(
+        np.abs(nodes["normal_stress"]).max(), results.summary["units"]["stress"]
+    )
+    labels = {"normal": "normal (pressure)"}
+    if contact["friction"]["law"] != "none" or contact.get("kind") == "bonded":
+        labels["tangential"] = "tangential"
+    for kind, label in labels.items():
+        colour = COLOURS[kind]
+        if sides:
+            of_nodes = nodes[f"{kind}_stress"] / factor
+            axes.plot(position, of_nodes, ".", markersize=4, alpha=0.6, color=colour)
+        values = shown[f"{kind}_stress"] / factor
+        _curve(axes, place, values, apart, color=colour, label=label + extent)
+    bound = _slip_bound(shown, contact["friction"])
+    style = {"marker": "", "color": COLOURS["bound"], "linestyle": "--", "linewidth": 1}
+    if bound is not None:
+        for sign, label in ((1, "± slip bound"), (-1, "")):
+            _curve(axes, place, sign * bound / factor, apart, **style, label=label)
+    return unit
+
+
+def _rows_of_sides(nodes: Columns, sides: Columns) -> np.ndarray:
+    """The rows of the middles of quadratic sides, which are nodes."""
+    at = {point: k for k, point in enumerate(zip(nodes["x"], nodes["y"], strict=True))}
+    return np.array([at[point] for point in zip(sides["x"], sides["y"], strict=True)])
+
+
 def draw_convergence(results: Results) -> Any:
     """Update and residual over the outer iterations, load step after load step; a figure."""
     history, summary = results.history, results.summary
     figure, axes = plt.subplots(figsize=(7.2, 4.4))
-    k, starts = (
-        np.arange(1.0, len(history["iteration"]) + 1),
-        1 + np.flatnonzero(np.diff(history["step"])),
-    )
+    k = np.arange(1.0, len(history["iteration"]) + 1)
+    starts = 1 + np.flatnonzero(np.diff(history["step"]))
     x, what = method_of(summary["outer"]).curves
     curves = {
         "update": ("normal", "o", f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖"),
@@ -205,7 +185,7 @@ def _shade(axes: Any, position: np.ndarray, statuses: np.ndarray, breaks: np.nda
 
 def _slip_bound(table: Columns, friction: dict) -> np.ndarray | None:
     """The bound on the tangential stress at nodes or sides, if numbers set it and it is worth drawing."""
-    if any(isinstance(value, dict) for value in friction.values()):
+    if friction["law"] == "none" or any(isinstance(value, dict) for value in friction.values()):
         return None
     one, xy = np.ones(len(table["x"])), np.column_stack([table["x"], table["y"]])
     law = law_of(msgspec.convert(friction, Friction), xy, one, one, np.arange(len(one)))

@@ -1,6 +1,6 @@
 """Views of bodies: direction, cut, and hidden surfaces. The plane is seen from the front."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +35,19 @@ Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """The colours (p, 3 or 4) of places on facets (p,), with barycentric coordinates (p, 3)."""
 
 
+def _corner(points: np.ndarray, across: Collection[int]) -> tuple[float, float]:
+    """The azimuth and elevation (degrees) of solids with points (nv, 3) that are cut `across` some axes; see CORNER."""
+    extent = np.ptp(points, axis=0)
+    low = (extent[0] < 0.99 * extent[1] and 1 not in across) or 0 in across
+    return CORNER[0] / (1 + low), ABOVE if 2 in across else CORNER[1]
+
+
+def _axes(angles: Sequence[float]) -> np.ndarray:
+    """The axes (3, 3) of an orthogonal projection: the third points to azimuth and elevation, the first is level."""
+    (c, up), (s, high) = np.cos(np.deg2rad(angles)), np.sin(np.deg2rad(angles))
+    return np.array([[-s, c, 0.0], [-c * high, -s * high, up], [c * up, s * up, high]])
+
+
 class View:
     """The direction of an orthogonal projection of bodies, and the plane that cuts them open.
 
@@ -48,12 +61,7 @@ class View:
 
     def __init__(self, points: np.ndarray, output: Mapping[str, Any] | None = None) -> None:
         """Of nodes (nv, d), as the table `output` of a scene asks for. Raises InputError where a cut meets no body."""
-        extent, self.solid, self.axes, self.cut = (
-            np.ptp(points, axis=0),
-            points.shape[1] > 2,
-            np.eye(3),
-            None,
-        )
+        self.solid, self.axes, self.cut = points.shape[1] > 2, np.eye(3), None
         asked, cut = (output or {}).get("view"), (output or {}).get("cut") or {}
         asked = None if isinstance(asked, bool) else asked  # whether there is a view.html
         across = {k: cut[axis] for k, axis in enumerate("xyz") if cut.get(axis) is not None}
@@ -61,15 +69,9 @@ class View:
             if asked or across:
                 raise InputError("only pictures of solids have a view and a cut; leave them out")
             return
-        low = (extent[0] < 0.99 * extent[1] and 1 not in across) or 0 in across
-        chosen = (
-            VIEWS[asked]
-            if isinstance(asked, str)
-            else asked or (CORNER[0] / (1 + low), ABOVE if 2 in across else CORNER[1])
+        self.axes = _axes(
+            VIEWS[asked] if isinstance(asked, str) else asked or _corner(points, across)
         )
-        # orthogonal projection: the third axis points to azimuth and elevation, the first is horizontal
-        (c, up), (s, high) = np.cos(np.deg2rad(chosen)), np.sin(np.deg2rad(chosen))
-        self.axes = np.array([[-s, c, 0.0], [-c * high, -s * high, up], [c * up, s * up, high]])
         for k, at in across.items():
             low, high = points[:, k].min(), points[:, k].max()
             if not 2.0 * ALIKE * (high - low) < min(at - low, high - at):
@@ -132,10 +134,8 @@ class Skin:
         corners = cells[some][:, subcells].reshape(-1, 4)
         # the corners behind the cut first; CROSSED has the edges that cross it
         order = np.argsort(self.beyond[corners] >= 0.0, axis=1, kind="stable")
-        corners, kept = (
-            np.take_along_axis(corners, order, axis=1),
-            (self.beyond[corners] < 0.0).sum(axis=1),
-        )
+        kept = (self.beyond[corners] < 0.0).sum(axis=1)
+        corners = np.take_along_axis(corners, order, axis=1)
         edges = np.concatenate(
             [corners[kept == n][:, crossed].reshape(-1, 3, 2) for n, crossed in CROSSED.items()]
         )
@@ -219,10 +219,9 @@ def rasterise(
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     double = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
     double = np.where(np.abs(double) > 1e-12, double, np.inf)
-    of_b, of_c = (
-        np.stack([two[:, 1], -two[:, 0]]) / double,
-        np.stack([-one[:, 1], one[:, 0]]) / double,
-    )  # gradients
+    # gradients
+    of_b = np.stack([two[:, 1], -two[:, 0]]) / double
+    of_c = np.stack([-one[:, 1], one[:, 0]]) / double
     of_z, of_cut = (of_b * one[:, k] + of_c * two[:, k] for k in (2, 3))
     low, high = (
         np.ceil(extreme(corners[..., 1], axis=1) - 0.5).astype(int) for extreme in (np.min, np.max)
@@ -234,20 +233,13 @@ def rasterise(
     left, right = (
         extreme(corners[..., 0], axis=1)[facet] - x[facet] for extreme in (np.min, np.max)
     )
-    for start, gradient in (
-        (0.0, of_b),
-        (0.0, of_c),
-        (1.0, -of_b - of_c),
-        (-cut[facet], -of_cut),
-    ):  # not below zero
+    not_negative = (0.0, of_b), (0.0, of_c), (1.0, -of_b - of_c), (-cut[facet], -of_cut)
+    for start, gradient in not_negative:
         slope, rest = gradient[0, facet], start + gradient[1, facet] * up + 1e-9
         end = -rest / np.where(slope == 0.0, 1.0, slope)
         left = np.where(slope > 0.0, np.maximum(left, end), left)
-        right = np.where(
-            slope < 0.0,
-            np.minimum(right, end),
-            np.where((slope == 0.0) & (rest < 0.0), -np.inf, right),
-        )
+        right = np.where((slope == 0.0) & (rest < 0.0), -np.inf, right)
+        right = np.where(slope < 0.0, np.minimum(right, end), right)
     first = np.maximum(np.ceil(left + x[facet] - 0.5), 0).astype(int)
     stop = np.clip(np.floor(right + x[facet] + 0.5), 0, shape[1]).astype(int)
     base, ends = z[facet] + of_z[1, facet] * up, np.cumsum(np.maximum(stop - first, 0))
@@ -314,10 +306,8 @@ def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
     near = cKDTree(middle).query_ball_point(middle, 0.51 * length) if len(edges) else []
-    other, one = (
-        np.repeat(np.arange(len(edges)), list(map(len, near))),
-        np.concatenate([np.zeros(0, int), *near]),
-    )
+    other = np.repeat(np.arange(len(edges)), list(map(len, near)))
+    one = np.concatenate([np.zeros(0, int), *near])
     one, other = one[one != other].astype(int), other[one != other]
     away = middle[one] - ends[other, 0]
     share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)

@@ -75,35 +75,26 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     import matplotlib.pyplot as plt
 
     plot = f"{result}:{key}"
-    points = [
-        row for row in rows if row["status"] == "certified" and None not in (row[result], row[key])
-    ]
-    if not points:
-        raise InputError(f"--plot {plot}: no case with a certified answer has both")
-    if not all(isinstance(row[result], int | float) for row in points):
-        raise InputError(f"--plot {plot}: {result} is not a number")
+    points = _points(rows, result, key, plot)
     names = list(rows[0])
     others = _others(rows, names[1 : names.index("status")], key)
     curves = _curves(points, others, plot)
-    words = not all(isinstance(row[key], int | float) for row in points)
-    figure, axes = plt.subplots(figsize=(7.2 if len(curves) == 1 else 8.6, 4.6))
+    words = not all(_is_number(row[key]) for row in points)
+    several = len(curves) > 1
+    figure, axes = plt.subplots(figsize=(8.6 if several else 7.2, 4.6))
     for k, (combination, curve) in enumerate(curves.items()):
-        at = [(row[key], row[result]) for row in curve]
-        at = [(str(value), number) for value, number in at] if words else sorted(at)
-        share = k / (len(curves) - 1) if len(curves) > 1 else 1.0
-        colour = plt.get_cmap("viridis")(0.9 * share) if len(curves) > 1 else COLOURS["normal"]
-        label = ", ".join(
-            f"{value:g}" if isinstance(value, int | float) else str(value) for value in combination
-        )
+        share = k / (len(curves) - 1) if several else 1.0
+        colour = plt.get_cmap("viridis")(0.9 * share) if several else COLOURS["normal"]
         axes.plot(
-            *zip(*at, strict=True),
+            *_ordered([(row[key], row[result]) for row in curve], words),
             "o" if words else "o-",
             color=colour,
-            label=label,
+            label=", ".join(map(_short, combination)),
+            # those below show behind equal ones
             markersize=9.0 - 4.5 * share,
             linewidth=3.5 - 2.2 * share,
-        )  # those below show behind equal ones
-    if len(curves) > 1:
+        )
+    if several:
         axes.legend(
             title="\n".join(_label(name, summary) for name in others),
             loc="upper left",
@@ -117,11 +108,36 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     axes.grid(True, which="major", color="#e3e3e3")
     axes.set(xlabel=_label(key, summary), ylabel=_label(result, summary))
     missing = len(rows) - len(points)
-    notes = f"{len(points)} cases" + f", {missing} without a certified answer left out" * (
-        missing > 0
-    )
-    axes.set_title(f"{summary['title']}\n{notes}".strip().replace("$", r"\$"))  # no formula
+    left_out = f", {missing} without a certified answer left out" * bool(missing)
+    title = f"{summary['title']}\n{len(points)} cases{left_out}"
+    axes.set_title(title.strip().replace("$", r"\$"))  # no formula
     return figure
+
+
+def _points(rows: list[dict[str, Any]], result: str, key: str, plot: str) -> list[dict[str, Any]]:
+    """The rows with certified answers that have both columns. Raises InputError without one."""
+    certified = [row for row in rows if row["status"] == "certified"]
+    points = [row for row in certified if None not in (row[result], row[key])]
+    if not points:
+        raise InputError(f"--plot {plot}: no case with a certified answer has both")
+    if not all(_is_number(row[result]) for row in points):
+        raise InputError(f"--plot {plot}: {result} is not a number")
+    return points
+
+
+def _ordered(at: list[tuple[Any, float]], words: bool) -> tuple[list[Any], ...]:
+    """The two columns of places: `words` in the order of the table, numbers by size."""
+    if not words:
+        return tuple(map(list, zip(*sorted(at), strict=True)))
+    return [str(value) for value, _ in at], [number for _, number in at]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float)
+
+
+def _short(value: Any) -> str:
+    return f"{value:g}" if _is_number(value) else str(value)
 
 
 def _others(rows: list[dict[str, Any]], names: list[str], key: str) -> list[str]:
@@ -145,14 +161,10 @@ def _curves(rows: list[dict[str, Any]], others: list[str], plot: str) -> dict[tu
             f"--plot {plot}: that would be {len(curves)} curves, one for each combination of "
             f"{', '.join(others)}; {MOST_CURVES} is the limit"
         )
-    return dict(
-        sorted(
-            curves.items(),
-            key=lambda item: [
-                value if isinstance(value, int | float) else math.inf for value in item[0]
-            ],
-        )
-    )
+    sizes = {
+        values: [value if _is_number(value) else math.inf for value in values] for values in curves
+    }
+    return {values: curves[values] for values in sorted(curves, key=sizes.__getitem__)}
 
 
 def _crowds(values: list[float]) -> bool:
@@ -163,9 +175,8 @@ def _crowds(values: list[float]) -> bool:
 
 def _label(name: str, summary: dict) -> str:
     """What a column is, in words, and its unit, in the scene's units."""
-    unit = next((UNITS[part] for part in name.split(".") if part in UNITS), "").format_map(
-        summary["units"]
-    )
+    pattern = next((UNITS[part] for part in name.split(".") if part in UNITS), "")
+    unit = pattern.format_map(summary["units"])
     head, *rest = name.split(".")
     words = name
     if head in ("body", "bodies", "contact", "contacts", "rigid", "history") and len(rest) > 1:
