@@ -136,7 +136,7 @@ class MeshLadder:
 
     Attributes
     ----------
-    scene : with the meshes as given
+    scene : with the meshes to begin with
     levels : that were solved on
     missed : why this mesh is the last one although it misses the target; empty otherwise
     refinement : of the mesh to solve on now
@@ -179,7 +179,7 @@ class MeshLadder:
         if self._all_drawn and self.levels:
             n = float(f"{self.levels[0].n * self.refinement**self.scene.dimension:.2g}")
             return f"meshes of about {n:.0f} unknowns, finest where the error is,"
-        return f"meshes {self.refinement:.0f} times as fine as given"
+        return f"meshes {self.refinement:.0f} times as fine as at first"
 
     @property
     def goal(self) -> float:

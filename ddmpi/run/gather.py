@@ -56,6 +56,7 @@ from ddmpi.system.provenance import has_matplotlib, peak_memory, provenance
 log = logging.getLogger("ddmpi")
 
 DRAWERS = 2  # most ranks that share the pictures; all are on one host, as files of another one may come late
+COARSE = 0.05  # linear elements with a larger estimated error hear what quadratic ones would cost
 LITTLE = 0.1  # frictional work is compared with at least this fraction of the largest energy
 
 Leg = tuple[float, dict[str, tuple[ContactState, np.ndarray]]]
@@ -267,6 +268,7 @@ def gather_summary(
             hosts,
         )
     )
+    quadratic = world.allreduce(sum(_with_middles(body) for body in assembly.bodies))
     if of_ranks is None:
         return {}
     bodies_of_ranks, unused, inner, sent, named = zip(*of_ranks, strict=True)
@@ -285,6 +287,9 @@ def gather_summary(
         "steps": steps.steps,
         "discretization_error": {
             "energy_norm": error.relative,
+            "quadratic_n": round(quadratic)
+            if error.relative > COARSE and scene.body[0].mesh.order == 1
+            else None,
             "target": scene.method.target_error,
             "levels": [level._asdict() for level in ladder.levels],
         },
@@ -302,6 +307,16 @@ def gather_summary(
         run["cycles"] = {"run": steps.run, "change": steps.change}
     summary = summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate)
     return summary | {"steps": steps.told} | provenance(started, hosts)
+
+
+def _with_middles(body: Body) -> float:
+    """The unknowns of a body with quadratic elements on its cells. Not collective."""
+    mesh, d = body.mesh, body.mesh.dimension
+    vertices = len(np.unique(mesh.corners))
+    # Each inner facet has two cells. In space vertices − edges + facets − cells are 1, or nearly.
+    facets = ((d + 1) * len(mesh.triangles) + len(mesh.boundary[0])) / 2
+    edges = facets if d == 2 else vertices + facets - len(mesh.triangles)
+    return body.member.elasticity.n * (vertices + edges) / vertices
 
 
 def _body(

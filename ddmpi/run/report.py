@@ -222,6 +222,11 @@ def log_end(summary: dict, solution: Solution) -> None:
         error = summary["discretization_error"]["energy_norm"]
         if error is not None:
             lines.append(f"estimated discretization error: {error:.2g} of the energy norm")
+        if quadratic := summary["discretization_error"]["quadratic_n"]:
+            lines[-1] += (
+                f"; with mesh.order = 2 it is smaller, and these cells have about {quadratic} "
+                f"unknowns ({summary['n']} now)"
+            )
     motions = summary["undetermined"]
     lines += [f"{motion}; how far it has moved is not determined" for motion in motions[:NAMED]]
     if len(motions) > NAMED:

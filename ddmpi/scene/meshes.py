@@ -108,7 +108,8 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         { bore = 1.5, 27 = 3.0 }
     order : 1 for linear elements, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
         a geometry, and as a second-order file has them; the same for all bodies. Left out, it follows another body
-        that names it, then the preset, then the files; otherwise it is 1; see docs/use/elements.md
+        that names it, then the preset; then it is 2 beside
+        method.target_error; then it follows the files; otherwise it is 1; see docs/use/elements.md
     refine : number of times that the sides of a file's mesh are halved, or "as needed" for method.target_error
     """
 

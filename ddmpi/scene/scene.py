@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Annotated, Any, get_args
 
 import msgspec
+from msgspec.structs import replace
 
 from ddmpi.errors import nearest
 from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
@@ -19,6 +20,7 @@ from ddmpi.scene.checks import check_heat, check_thickness
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.derivable import refuse_underivable
 from ddmpi.scene.formulas import check_formulas, varies
+from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.method import (
     PRESETS,
     Checkpoint,
@@ -321,8 +323,9 @@ class Scene(Table, frozen=True, kw_only=True):
         """The scene with all defaults.
 
         The order of the elements is that of a body that names one, else 2 for a ``target_error`` if linear triangles
-        lock, else the preset's, else that of the mesh files by `file_kind`, else 1. The dimension is that of shapes,
-        else of places and vectors, else of the files.
+        lock, else the preset's, else 2 for a ``target_error``, else that of the mesh files by `file_kind`, else 1.
+        Where the target has made it 2, shapes have half their divisions if they can, see `_halved`. The dimension is
+        that of shapes, else of places and vectors, else of the files.
 
         Raises ValueError for a ``method.target_error`` with elements that lock, for mesh files of different orders, and
         for different dimensions in one scene; and the errors of `file_kind`.
@@ -340,6 +343,9 @@ class Scene(Table, frozen=True, kw_only=True):
                 "mesh.order out or set it to 2"
             )
         order = named or (2 if locking else PRESETS.get(method.preset or "", {}).get("order"))
+        bodies, aimed = self.body, ""
+        if method.target_error and not (named or PRESETS.get(method.preset or "", {}).get("order")):
+            order, (bodies, aimed) = 2, _halved(self.body)
         if not order:
             order = self._order_of_files(file_kind) if file_kind else 1
         bonded = {contact.bodies[1] for contact in self.contact if contact.kind == "bonded"}
@@ -348,7 +354,8 @@ class Scene(Table, frozen=True, kw_only=True):
             Settled,
             method=method,
             dimension=dimension,
-            body=[body.settled(order, dimension, self.axisymmetric) for body in self.body],
+            aimed=aimed,
+            body=[body.settled(order, dimension, self.axisymmetric) for body in bodies],
             rigid=[rigid.settled(dimension, rigid.name in bonded) for rigid in self.rigid],
             time=self.time.settled() if self.time else None,
             contact=[
@@ -495,6 +502,32 @@ class Scene(Table, frozen=True, kw_only=True):
         return next(iter(orders.values()), 1)
 
 
+def _halved(bodies: list[BodySpec]) -> tuple[list[BodySpec], str]:
+    """The bodies whose elements an accuracy target makes quadratic, and what that changes, in words.
+
+    Shapes have half their divisions, and nearly the nodes of linear elements, where all divisions of all shapes are
+    even and leave two cells, and no mesh is from a file: matching meshes stay matching.
+    """
+    shapes = [body.mesh for body in bodies if body.mesh.divisions]
+    files = any(body.mesh.file for body in bodies)
+    words = "quadratic elements, as no mesh.order is named beside method.target_error"
+    if files:
+        words += "; new middles of sides of mesh files are on straight lines"
+    if not shapes or files or any(k % 2 or k < 4 for mesh in shapes for k in mesh.divisions or ()):
+        return bodies, words
+
+    def half(mesh: MeshSpec) -> MeshSpec:
+        return (
+            replace(mesh, divisions=tuple(k // 2 for k in mesh.divisions))
+            if mesh.divisions
+            else mesh
+        )
+
+    return [replace(body, mesh=half(body.mesh)) for body in bodies], (
+        f"{words}; shapes begin with half their divisions"
+    )
+
+
 def _vectors(scene: Scene) -> Iterator[tuple[str, tuple]]:
     """All places and vectors within a scene, each with its key."""
     for key, table in tables(scene):
@@ -522,6 +555,7 @@ class Settled(Table, frozen=True, kw_only=True, dict=True):
     checkpoint: Checkpoint
     petsc: PETScOptions
     dimension: int
+    aimed: str  # what a target has changed in the meshes, in words
 
     @cached_property
     def followed(self) -> list[str]:
@@ -577,7 +611,9 @@ class Settled(Table, frozen=True, kw_only=True, dict=True):
     def resolved(self) -> dict:
         """The scene as plain data. Written as TOML without the keys that are None, it is read as this scene again."""
         return {
-            key: value for key, value in msgspec.to_builtins(self).items() if key != "dimension"
+            key: value
+            for key, value in msgspec.to_builtins(self).items()
+            if key not in ("dimension", "aimed")
         }
 
     @property

@@ -75,7 +75,7 @@ def test_estimate_knows_that_stress_jumps_where_materials_meet(order, ratio):
         part = np.isclose(E, young)
         density = energy_density(Material(young=young, poisson=0.0), difference[..., part])
         true += weights @ density @ mesh.measures()[part]
-    assert estimate_error(mesh, material, u).total ** 0.5 == pytest.approx(true**0.5, rel=0.05)
+    assert estimate_error(mesh, material, u).total ** 0.5 == pytest.approx(true**0.5, rel=0.2)
 
 
 @both_orders

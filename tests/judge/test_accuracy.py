@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 import solids
 from mpi4py import MPI
-from scenes import drawn_roller, pinched_blocks, prepare_scene, run_here, to_toml, write_scene
+from scenes import (
+    certified,
+    drawn_roller,
+    pinched_blocks,
+    prepare_scene,
+    run_here,
+    to_toml,
+    write_scene,
+)
+from solid_scenes import two_boxes
 
 from ddmpi.body.estimate import estimate_error, relative_error
 from ddmpi.errors import InputError, NotConvergedError, SolverError
@@ -30,6 +39,20 @@ pytestmark = pytest.mark.slow
 
 PUNCH = "configs/punch.toml"
 two_ranks = pytest.mark.mpi(ranks=2)
+
+
+def without_none(value):
+    """Tables without the keys that TOML cannot have."""
+    if isinstance(value, dict):
+        return {key: without_none(entry) for key, entry in value.items() if entry is not None}
+    return [without_none(entry) for entry in value] if isinstance(value, list | tuple) else value
+
+
+def linear(scene: dict) -> dict:
+    """The scene with linear elements, whatever its target."""
+    for body in scene["body"]:
+        body["mesh"]["order"] = 1
+    return scene
 
 
 def scene_of(made: dict, *settings: str):
@@ -264,7 +287,70 @@ def test_no_target_for_linear_triangles_that_lock():
         scene_of(pinched_blocks(6), *soft, "body.lower.mesh.order=1")
     assert {body.mesh.order for body in scene_of(pinched_blocks(6), soft[0]).body} == {1}
     plane = [f'body.{k}.material.plane="stress"' for k in (0, 1)]
-    assert {body.mesh.order for body in scene_of(pinched_blocks(6), *soft, *plane).body} == {1}
+    first = ["body.0.mesh.order=1"]
+    assert scene_of(pinched_blocks(6), *soft, *plane, *first).body[0].mesh.order == 1
+
+
+@pytest.mark.parametrize(
+    "settings, order, halved",
+    [
+        ([], 2, True),
+        (["body.upper.mesh.order=1"], 1, False),
+        (["body.upper.mesh.order=2"], 2, False),
+        (["method.preset=fast"], 1, False),
+        (["method.preset=balanced"], 2, False),
+        (["body.upper.mesh.divisions=[18, 5]"], 2, False),
+        (["body.upper.mesh.divisions=[18, 2]"], 2, False),
+    ],
+)
+def test_a_target_makes_elements_quadratic_unless_their_order_is_named(settings, order, halved):
+    """Shapes then begin with half their divisions, all or none, so that meshes that match go on matching."""
+    scene = scene_of(pinched_blocks(6), "method.target_error=0.1", *settings)
+    assert [body.mesh.order for body in scene.body] == [order, order]
+    assert scene.body[1].mesh.divisions == ((9, 3) if halved else (18, 6))
+    assert ("half their divisions" in scene.aimed) == halved
+    assert bool(scene.aimed) == (not settings or "divisions" in settings[0])
+    again = read_scene("scene.toml", to_toml(without_none(scene.resolved())), [])
+    assert again.body == scene.body and not again.aimed
+
+
+def test_a_target_makes_the_triangles_of_a_file_quadratic():
+    """With new middles on straight sides, which is said; files are not made coarser."""
+    text = Path(PUNCH).read_text(encoding="utf-8")
+    assert {body.mesh.order for body in read_scene(PUNCH, text, []).body} == {1}
+    scene = read_scene(PUNCH, text, ["method.target_error=0.1"])
+    assert {body.mesh.order for body in scene.body} == {2} and "straight" in scene.aimed
+
+
+def test_linear_elements_with_a_large_error_hear_what_quadratic_ones_cost(tmp_path):
+    """Their unknowns on the same cells; quadratic elements hear nothing, nor do linear ones with a small error."""
+    path = write_scene(pinched_blocks(4), tmp_path / "scene.toml")
+    linear, quadratic = (
+        run_here(
+            path,
+            tmp_path / f"of order {order}",
+            "--no-figures",
+            "--set",
+            f"body.0.mesh.order={order}",
+        )
+        for order in (1, 2)
+    )
+    told = linear.summary["discretization_error"]["quadratic_n"]
+    assert told == pytest.approx(quadratic.summary["n"], rel=0.1)
+    assert (
+        f"with mesh.order = 2 it is smaller, and these cells have about {told} unknowns"
+        in linear.output
+    )
+    assert quadratic.summary["discretization_error"]["quadratic_n"] is None
+    assert "mesh.order" not in quadratic.output
+
+
+def test_quadratic_unknowns_in_space_are_counted_without_edges():
+    """By Euler's formula, on bodies without holes."""
+    counts = [certified(two_boxes(2, order=k)).summary for k in (1, 2)]
+    assert counts[0]["discretization_error"]["quadratic_n"] == pytest.approx(
+        counts[1]["n"], rel=0.15
+    )
 
 
 def test_the_published_iteration_stops_later_for_a_target():
@@ -352,7 +438,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
 
 def test_target_is_met_and_told(tmp_path):
     """A run refines until the estimate meets the target, and reports every mesh; nodes that pair off go on so."""
-    scene = pinched_blocks(6) | {
+    scene = linear(pinched_blocks(6)) | {
         "method": {"target_error": 0.06},
         "output": {"error": True, "figures": False},
     }
@@ -390,7 +476,7 @@ def test_target_out_of_reach_is_an_error_with_results(tmp_path):
 
 def test_the_last_certified_answer_survives_a_finer_mesh(tmp_path):
     """Where a finer mesh has no certified answer, the results are those of the last mesh that has one."""
-    scene = pinched_blocks(6) | {"method": {}, "output": {"figures": False}}
+    scene = linear(pinched_blocks(6)) | {"method": {}, "output": {"figures": False}}
     path = write_scene(scene, tmp_path / "scene.toml")
     coarse = run_here(path, tmp_path / "coarse")
     most = coarse.summary["outer_iterations"]
@@ -436,7 +522,7 @@ def test_errors_on_a_finer_mesh_leave_the_last_certified_answer(
         return works(first, second, *more)
 
     monkeypatch.setattr(module, name, fails)
-    scene = scene_of(pinched_blocks(6) | {"method": {"target_error": 0.06}})
+    scene = scene_of(linear(pinched_blocks(6)) | {"method": {"target_error": 0.06}})
     with pytest.raises(NotConvergedError, match=r"certified, but .* times as fine .*of this kind"):
         module.run(comm, scene, "scene.toml", str(folder / "out"), figures=False)
     comm.barrier()

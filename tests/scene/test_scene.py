@@ -663,7 +663,8 @@ def test_resolved_scene_round_trips(settings):
     """The scene in summary.json, written as TOML without the keys that are null, is the same scene again."""
     for original in (scene(*settings), scene(*settings, text=WITHOUT_METHOD)):
         for data in (original.resolved(), json.loads(json.dumps(original.resolved()))):
-            assert scene(text=write_toml(data)) == original
+            again = scene(text=write_toml(data))
+            assert not again.aimed and again == msgspec.structs.replace(original, aimed="")
 
 
 @pytest.mark.parametrize(

@@ -72,6 +72,7 @@ def test_refined_by_number_as_by_a_target(tmp_path):
         "output.figures=false",
         "output.error=true",
         *(f"body.{k}.mesh.refine={number}" for k, number in enumerate(numbers)),
+        "body.0.mesh.order=2",
     )
     assert aimed.code == named.code == 0 and min(numbers) > 0
     one, other = (read_results(tmp_path / name).fields for name in ("aimed", "named"))

@@ -169,6 +169,87 @@ def tower(blocks: int, n: int, loose: bool = True, **method) -> dict:
     }
 
 
+def fretting_pad(n: int) -> dict:
+    """A pad 20 × 10 mm on 2n × n elements that is pressed and pushed on a stretched part 100 × 20 mm, with friction:
+    it slips at one end."""
+    aluminium = {"young": 7e10, "poisson": 0.33}
+    pad = rectangle("pad", (-0.01, 0.0), (0.02, 0.01), (2 * n, n), **aluminium)
+    part = rectangle("part", (-0.05, -0.02), (0.1, 0.02), (10 * n, 2 * n), **aluminium)
+    return {
+        "body": [
+            pad | {"traction": [{"on": "top", "value": [2e7, -1e8]}]},
+            part
+            | {
+                "clamp": ["left", {"on": "bottom", "y": 0.0}],
+                "traction": [{"on": "right", "value": [5e7, 0.0]}],
+            },
+        ],
+        "contact": [
+            {
+                "bodies": ["pad", "part"],
+                "on": ["bottom", "top"],
+                "friction": {"law": "coulomb", "coefficient": 0.6},
+            }
+        ],
+    }
+
+
+TURNED = {
+    2: {"right": "bottom", "top": "right", "left": "top", "bottom": "left"},
+    3: {"front": "left", "back": "right", "right": "front", "left": "back"},
+}
+"""Names of groups in a mesh that begins at the second corner of its bottom, by the dimension."""
+
+
+def other_diagonals(scene: dict) -> dict:
+    """The scene with rectangles, quadrilaterals and boxes whose cells are cut the other way in the plane of x and y:
+    their corners begin one corner further on."""
+    names = {}
+    bodies = []
+    for body in scene["body"]:
+        mesh = dict(body["mesh"])
+        divisions = mesh["divisions"]
+        names[body["name"]] = turned = TURNED[len(divisions)]
+        if corners := mesh.pop("corners", None):
+            around = [corners[k] for k in (1, 2, 3, 0)] + [
+                corners[k] for k in (5, 6, 7, 4)[: len(corners) - 4]
+            ]
+        else:
+            low = np.array(mesh.pop("origin"))
+            high = low + mesh.pop("size")
+            around = [
+                [*np.where(way, high[:2], low[:2]).tolist(), *map(float, above)]
+                for above in ([low[2:], high[2:]] if len(low) > 2 else [[]])
+                for way in ((1, 0), (1, 1), (0, 1), (0, 0))
+            ]
+        mesh |= {
+            "shape": "quadrilateral" if len(divisions) == 2 else "hexahedron",
+            "corners": around,
+            "divisions": [divisions[1], divisions[0], *divisions[2:]],
+        }
+        loads = {
+            key: [
+                turned.get(each, each)
+                if isinstance(each, str)
+                else each | {"on": turned.get(each["on"], each["on"])}
+                for each in body.get(key, [])
+            ]
+            for key in ("clamp", "traction")
+        }
+        bodies.append(body | {"mesh": mesh} | loads)
+    contacts = [
+        contact
+        | {
+            "on": [
+                names[body].get(on, on)
+                for body, on in zip(contact["bodies"], contact["on"], strict=True)
+            ]
+        }
+        for contact in scene["contact"]
+    ]
+    return scene | {"body": bodies, "contact": contacts}
+
+
 @dataclass(frozen=True)
 class Block:
     """One block of a stack: material and height (m)."""

@@ -120,7 +120,7 @@ def test_a_sweep_grows(finished, small, tmp_path):
 
 
 def test_meshes_that_a_target_has_refined_are_the_sweeps_own(tmp_path):
-    scene = scenes.write_scene(pinched_blocks(2, target_error=0.2), tmp_path / "scene.toml")
+    scene = scenes.write_scene(pinched_blocks(2, target_error=0.08), tmp_path / "scene.toml")
     arguments = ["--vary", f"{COEFFICIENT}=0.1", "--set", "output.figures=false"]
     run = run_sweep(scene, tmp_path / "out", *arguments)
     assert run.code == 0, run.output
