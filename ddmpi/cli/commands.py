@@ -207,7 +207,7 @@ def printing(world: MPI.Comm) -> Iterator[None]:
     if world.rank == 0:
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would print pages about it
         try:
-            sys.stdout.write(text.getvalue())
+            sys.stdout.write(logs.encodable(text.getvalue(), sys.stdout))
             sys.stdout.flush()
         except BrokenPipeError:  # the reader has seen enough
             logs.leave_stdout()
@@ -223,9 +223,12 @@ def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
     import petsc4py
     from mpi4py import MPI
 
-    from ddmpi.petsc.options import as_arguments, silence_left
+    from ddmpi.petsc.options import as_arguments, forget, instead_of_here, silence_left
 
-    petsc4py.init([sys.argv[0], *as_arguments(table), *petsc], comm=MPI.Intracomm(world))
+    own = world.bcast(instead_of_here() if world.rank == 0 else None)
+    petsc4py.init([sys.argv[0], *own, *as_arguments(table), *petsc], comm=MPI.Intracomm(world))
+    if own:
+        forget(own[0])
     signal.signal(
         signal.SIGPIPE, signal.SIG_IGN
     )  # PETSc would end a run whose reader, such as head, has gone

@@ -1,6 +1,7 @@
 """What all pictures share: colours, axes, placement of points and surfaces, colour bars and names."""
 
 import textwrap
+from pathlib import Path
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -73,6 +74,8 @@ def start_drawing() -> Any:
         raise InputError(f"no pictures can be drawn; {NO_MATPLOTLIB}")
     import matplotlib
 
+    if Path(matplotlib.matplotlib_fname()).resolve().parent == Path.cwd():
+        matplotlib.rcdefaults()  # settings of the current folder, which may be anybody's, may start LaTeX
     matplotlib.use("agg")
     from matplotlib import pyplot
 

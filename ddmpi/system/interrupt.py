@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from ddmpi.errors import DdmpiError, InterruptionError
+from ddmpi.system.logs import encodable
 
 SIGNALS = (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)
 
@@ -117,7 +118,13 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
     environment = {
         name: value for name, value in os.environ.items() if not name.startswith(OF_RANKS)
     }
-    environment |= {"HOME": str(folder), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    ours = str(
+        Path(__file__).parents[2]
+    )  # it may lie in the current folder, which is not on sys.path
+    environment |= {
+        "HOME": str(folder),
+        "PYTHONPATH": os.pathsep.join(filter(None, [*sys.path, ours])),
+    }
     command = [sys.executable, "-P", "-c", "from ddmpi.system.interrupt import _serve; _serve()"]
     with (
         tempfile.TemporaryFile() as said,
@@ -147,12 +154,11 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
                     last = (
                         re.split(rb"[\r\n]+", end)[-1].decode(errors="replace").partition(": ")[2]
                     )
-                    print(
+                    words = (
                         f"ddmpi: {doing}, for {seen - begun:.0f} s so far"
-                        + f": {last.strip()}" * bool(last),
-                        file=sys.stderr,
-                        flush=True,
+                        + f": {last.strip()}" * bool(last)
                     )
+                    print(encodable(words, sys.stderr), file=sys.stderr, flush=True)
                     _waited[0], silent = 0.0, max(silent, seen - begun)
             returned = child.stdout.read()
             code = child.wait()

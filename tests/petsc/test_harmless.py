@@ -211,7 +211,7 @@ def test_options_that_reach_beyond_the_run_are_refused(name, value):
     """By name and by value; the message says that the command line may give them."""
     with pytest.raises(
         InputError,
-        match="could start a program or name a file, which no scene may do.*command line",
+        match=r"could start a program or name a file, which no scene may do.*command line",
     ):
         refuse_reaching("scene.toml", {"petsc": {name: value}})
 
