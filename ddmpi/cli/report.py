@@ -224,11 +224,7 @@ class RunReport:
 
     def _run(self) -> dict[str, Any]:
         """The verdict, warnings, provenance and scene, and the numbers of the summary by their names."""
-        summary, unused, (verdict, *sentences) = (
-            self.summary,
-            self.summary.get("options_unused", []),
-            self._verdict(),
-        )
+        summary, (verdict, *sentences) = self.summary, self._verdict()
         hosts, versions = (
             ", ".join(dict.fromkeys(summary.get("hosts", ()))),
             summary.get("versions", {}),
@@ -259,7 +255,6 @@ class RunReport:
                         f"{motion}; how far it has moved is not determined"
                         for motion in summary.get("undetermined", ())
                     ),
-                    *([f"PETSc options that nothing used: {', '.join(unused)}"] if unused else []),
                 ]
             ),
             "slurm": ", ".join(

@@ -30,8 +30,8 @@ SETTING = "|".join(
     for family, names in {
         "ksp": """type rtol atol divtol max_it norm_type pc_side knoll lag_norm initial_guess_nonzero
             check_norm_iteration constant_null_space diagonal_scale diagonal_scale_fix reuse_preconditioner
-            error_if_not_converged converged_maxits converged_use_(min_)?initial_residual_norm convergence_test min_it fischer_guess
-            guess_type guess_fischer_(model|tol) guess_pod_(size|tol) use_explicittranspose matsolve_batch_size
+            error_if_not_converged converged_maxits converged_use_(min_)?initial_residual_norm convergence_test min_it
+            fischer_guess guess_type guess_fischer_(model|tol) guess_pod_(size|tol) use_explicittranspose matsolve_batch_size
             (gmres|gcr|lcd)_restart gmres_(haptol|preallocate|breakdown_tolerance|cgs_refinement_type)
             gmres_(classical|modified)gramschmidt fgmres_modifypc(ksp|nochange) lgmres_(augment|constant)
             [df]?gmres_(eigen|max_eigen|ratio|force|harmonic_ritz|improve) lcd_haptol cg_(single_reduction|radius)

@@ -124,6 +124,12 @@ def unused_options() -> list[str]:
     return left
 
 
+def unused_words(names: list[str]) -> list[str]:
+    """The warning of options that no object has asked for, if there are any."""
+    told = "PETSc options that nothing used: {} (solvers have those with the prefixes body_, newton_ and qp_)"
+    return [told.format(", ".join(names))] if names else []
+
+
 def conditions() -> list[tuple[str, str | None]]:
     """The options that matter to a body alone: all but those of outer methods. Not collective."""
     return sorted(pair for pair in in_force().items() if not pair[0].startswith(("newton_", "qp_")))

@@ -1,8 +1,8 @@
 """What all pictures share: colours, axes, placement of points and surfaces, colour bars and names."""
 
 import textwrap
-from pathlib import Path
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
