@@ -23,6 +23,7 @@ from ddmpi.cli.report_markup import (
 )
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
+from ddmpi.pictures.script import our_digest
 from ddmpi.results.histories import at_step, evenly
 from ddmpi.results.summary import RESIDUALS, ROWS, count, drawn_times, largest
 from ddmpi.results.tables import read_results, read_summary, reading
@@ -355,7 +356,7 @@ class RunReport:
             else "Drag to move, wheel to zoom"
         )
         view = page(self.folder / "view.html", f"{hands}. The controls choose what is drawn.")
-        allowed = {"view": view, "policy": Html("; script-src 'unsafe-inline'")} if view else {}
+        allowed = {"view": view, "policy": Html(f"; script-src {our_digest()}")} if view else {}
         return allowed | {"pictures": pictures, "undrawn": "" if pictures else self.folder}
 
     def _contacts(self) -> dict[str, Any]:
