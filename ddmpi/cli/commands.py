@@ -99,9 +99,17 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
         run_sweep(world, sweep)
 
 
+def _probe(folder: str | Path) -> None:
+    """Refuse a folder, which may be anybody's, whose fields this process could not read without a crash."""
+    from ddmpi.system.hdf5 import probe
+
+    probe(Path(folder) / "result.h5")
+
+
 def _figures(options: argparse.Namespace) -> None:
     from ddmpi.pictures.draw import draw_all
 
+    _probe(options.folder)
     cut, *more = options.cut or [None]
     if more:
         raise InputError("argument --cut: pictures have one cut, and it is given twice")
@@ -126,6 +134,7 @@ def _path(options: argparse.Namespace) -> None:
     from ddmpi.results.tables import read_results, reading, write_path
 
     folder = Path(options.folder)
+    _probe(folder)
     with reading(folder):
         results = at_step(read_results(folder), folder, options.step)
         columns = along(results, getattr(options, "from"), options.to, options.points)
@@ -137,6 +146,7 @@ def _path(options: argparse.Namespace) -> None:
 def _view(options: argparse.Namespace) -> None:
     from ddmpi.pictures.browser import write_view
 
+    _probe(options.folder)
     print(write_view(options.folder, options.output))
 
 
@@ -157,6 +167,7 @@ def _import(options: argparse.Namespace) -> None:
 def _report(options: argparse.Namespace) -> None:
     from ddmpi.cli.report import write_report
 
+    _probe(options.folder)
     print(write_report(options.folder, options.output, options.step))
 
 
