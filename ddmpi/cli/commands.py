@@ -100,9 +100,13 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
 
 
 def _probe(folder: str | Path) -> None:
-    """Refuse a folder, which may be anybody's, whose fields this process could not read without a crash."""
+    """Refuse a folder, which may be anybody's, with pipes and devices, which have no end, or with fields that this
+    process could not read without a crash."""
     from ddmpi.system.hdf5 import probe
 
+    for path in (*Path(folder).glob("*"), *Path(folder).glob("*/*.json")):
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise InputError(f"{path}: is no file")
     probe(Path(folder) / "result.h5")
 
 
@@ -125,6 +129,7 @@ def _figures(options: argparse.Namespace) -> None:
 def _plot(options: argparse.Namespace) -> None:
     from ddmpi.sweep.plots import draw_plot
 
+    _probe(options.folder)
     for plot in options.plots:
         print(draw_plot(Path(options.folder), plot))
 

@@ -292,6 +292,8 @@ def _head(data: bytes) -> bytes:
 
 def read(path: Path) -> tuple[dict[str, dict], list[dict[str, Any]]]:
     """Identity and states that `write` wrote. Raises InputError where the file is not whole. Not collective."""
+    if path.exists() and not path.is_file():
+        raise InputError(f"--restart {path.parent}: {path} is no file")
     try:
         data = path.read_bytes()
     except FileNotFoundError:
