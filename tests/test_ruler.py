@@ -92,7 +92,6 @@ LONG = {
     "run/solve:Iteration.conclude": 68,
     "run/steps:March._accept": 71,
     "scene/scene:Scene._misplaced": 87,
-    "system/interrupt:apart": 64,
 }
 """Functions of the program beyond `ruler.MOST_LINES`, with the lines of their bodies. Numbers only fall."""
 

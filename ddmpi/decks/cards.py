@@ -546,8 +546,8 @@ INCLUDED, DEEPEST = 1000, 50
 """How often a deck may include files, and how deep: a few files that include each other twice would have no end."""
 
 
-def _read(path: Path, cards: list[Card], within: tuple[Path, ...], read: list[Path]) -> None:
-    """Append the keywords of a file to the `cards`; data lines at the beginning of an included one are of the last."""
+def _included(path: Path, within: tuple[Path, ...], read: list[Path]) -> str:
+    """The text of a file that lies `within` others, after those that were `read`. Raises DeckError, OSError."""
     data = path.read_bytes()
     if path.resolve() in within:
         raise DeckError(f"{path} includes itself")
@@ -557,9 +557,14 @@ def _read(path: Path, cards: list[Card], within: tuple[Path, ...], read: list[Pa
             f"files are included more than {INCLUDED} times, or within each other more than {DEEPEST} times"
         )
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = data.decode("latin-1")
+        return data.decode("latin-1")
+
+
+def _read(path: Path, cards: list[Card], within: tuple[Path, ...], read: list[Path]) -> None:
+    """Append the keywords of a file to the `cards`; data lines at the beginning of an included one are of the last."""
+    text = _included(path, within, read)
     every = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
     lines = [(number, line) for number, line in every if line and not line.startswith("**")]
     k, end = 0, len(lines)

@@ -16,7 +16,7 @@ from ddmpi import __version__
 from ddmpi.errors import InputError
 from ddmpi.pictures.bodies import BRIGHTEST, largest_of
 from ddmpi.pictures.moved import ABOVE, apart, covered, magnify, pressed
-from ddmpi.pictures.script import our_digest, view_template
+from ddmpi.pictures.script import view_template
 from ddmpi.pictures.sheet import limits
 from ddmpi.pictures.views import Skin, View, sharp_edges
 from ddmpi.results.fields import owners
@@ -221,7 +221,6 @@ def _page(results: Results, folder: Path) -> str:
     template = string.Template(view_template())
     return template.substitute(
         version=__version__,
-        script=our_digest(),
         title=escape(results.summary["title"] or ", ".join(results.summary["bodies"])),
         head=json.dumps(head).replace("<", "\\u003c"),
         data=arrays.packed(),

@@ -7,7 +7,11 @@ from importlib import resources
 
 
 def view_template() -> str:
-    """The template of view.html."""
+    """The template of view.html, which lets its own script run."""
+    return _raw().replace("$script", our_digest())
+
+
+def _raw() -> str:
     return resources.files("ddmpi.pictures").joinpath("view.html").read_text(encoding="utf-8")
 
 
@@ -20,4 +24,4 @@ def digest(page: str) -> str:
 
 def our_digest() -> str:
     """`digest` of the views that this version writes."""
-    return digest(view_template().replace("$$", "$"))
+    return digest(_raw().replace("$$", "$"))

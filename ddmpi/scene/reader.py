@@ -45,6 +45,14 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
     except ValueError as error:  # an integer of too many digits
         raise InputError(f"{path}: not valid TOML: {str(error).split(';')[0]}") from None
     named = refuse_reaching(path, data) if isinstance(scene, str) else ""
+    _set(data, settings)
+    if named and isinstance(method := data["method"], dict) and "outer" not in method:
+        raise InputError(f"{path}: {code_of(named)}")
+    return data
+
+
+def _set(data: dict, settings: Sequence[str]) -> None:
+    """Put ``KEY=VALUE`` settings into the data. Raises InputError."""
     for setting in settings:
         key, separator, value = setting.partition("=")
         if not separator or not key:
@@ -54,9 +62,6 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
         ):  # how Python keeps bytes of the command line that are no text
             raise InputError(f"--set {setting!a}: not text in UTF-8")
         override(data, key, parse_value(value))
-    if named and isinstance(method := data["method"], dict) and "outer" not in method:
-        raise InputError(f"{path}: {code_of(named)}")
-    return data
 
 
 def refuse_reaching(path: str, data: dict) -> str:
