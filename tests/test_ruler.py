@@ -22,7 +22,7 @@ COMPLEX = {
     "decks/acting:Acts.heat": 28,
     "decks/acting:Acts.loads": 22,
     "decks/acting:Acts.volume_forces": 16,
-    "decks/cards:_read": 18,
+    "decks/cards:_read": 16,
     "decks/deck:Deck._take": 36,
     "decks/deck:Deck.mesh": 27,
     "decks/deck:flattened": 18,
