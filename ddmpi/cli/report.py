@@ -340,7 +340,7 @@ class RunReport:
         captions: dict[str, str] = {}
         for file, (plane, solid) in CAPTIONS.items():
             words = solid if len(self.axes) == 3 else plane
-            names = self.contacts if "NAME" in file else [""]
+            names = [name for name in self.contacts if "/" not in name] if "NAME" in file else [""]
             captions |= {file.replace("NAME", name): words.replace("NAME", name) for name in names}
         if self.refused:
             captions = {"mechanism.png": self.summary["reason"]}

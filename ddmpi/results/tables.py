@@ -405,6 +405,9 @@ def read_results(folder: str | Path) -> Results:
             "scene without it"
         )
     with reading(folder):
+        for name in summary["contacts"]:
+            if "/" in name:
+                raise ValueError(f"the contact {name!r} is no part of a file's name")
         tables = {name: folder / contact_files(name).table for name in summary["contacts"]}
         sides = {name: folder / contact_files(name).sides for name in tables}
         with h5py.File(folder / "result.h5", "r") as file:
@@ -471,9 +474,6 @@ def read_summary(folder: str | Path) -> dict:
             raise InputError(
                 f"{folder}: results in format {format_found}; this version reads format {FORMAT}"
             )
-        for name in summary["contacts"]:
-            if "/" in name or "\0" in name:
-                raise ValueError(f"the contact {name!r} is no part of a file's name")
         return summary
 
 

@@ -129,7 +129,7 @@ def test_options_that_a_scene_may_set_have_numbers_and_choices():
         of_kinds[kind(name)].append(name)
         chosen = re.search(r"\(one of\)|\(choose one of\)", words)
         numbers = re.match(
-            r" <(now )?[-+\d.][-+.\de,]*( :|>)|: (<(TRUE|FALSE|UNKNOWN) :|[A-Za-z])", words
+            r":? <(now )?(TRUE|FALSE|UNKNOWN|[-+\d.][-+.\de,]*)( :|>)|: [A-Za-z]", words
         )
         numbers = numbers or name.endswith(
             "pc_factor_mat_solver_type"

@@ -2916,9 +2916,9 @@ MUTANTS = [
         ),
         (
             "a contact's name is a path",
-            "results/tables",
-            "if '/' in name or '\\x00' in name:",
-            "if '\\x00' in name:",
+            "cli/report",
+            "[name for name in self.contacts if '/' not in name]",
+            "list(self.contacts)",
             "cli/test_strangers.py::test_names_of_contacts_lead_to_no_other_folder",
         ),
         (
