@@ -81,7 +81,7 @@ LONG = {
     "interface/matching:face_rigid": 62,
     "mesh/read:read_mesh": 63,
     "pictures/bodies:animate": 109,
-    "pictures/browser:_page": 135,
+    "pictures/browser:_page": 133,
     "pictures/curves:draw_contact": 90,
     "results/histories:at_step": 105,
     "run/gather:_write_steps": 64,
