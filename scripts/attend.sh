@@ -5,15 +5,29 @@
 # hands to the ranks, whose exit code it then returns. At SIGTERM or Ctrl-C mpirun would itself kill the ranks after a
 # second or two and return 1, so it runs in a session of its own, which a terminal sends nothing. The file DDMPI_SIGNAL
 # holds the name of the signal, for the message. A second Ctrl-C, or Ctrl-\, does not wait for a checkpoint.
+# Where a pipe is read, as by head or a pager, mpirun writes to `relay` instead: a reader that has seen enough would else
+# end mpirun and with it the run.
 # BARE_SIGNALS says that mpirun returns the bare number of a signal that has ended a rank; our own codes end at 6.
 attend() {
-    local came last=0 signal
+    local came last=0 signal out=1 err=2 relays="" number
     caught="" hurried=""
     export DDMPI_SIGNAL
     DDMPI_SIGNAL=$(mktemp -t ddmpi-signal.XXXXXX 2>/dev/null) || DDMPI_SIGNAL=/dev/null
-    setsid "$@" <&0 &
+    if [ -p /dev/stdout ] || [ -S /dev/stdout ]; then
+        exec {out}> >(relay)
+        relays=$!
+    fi
+    if [ -n "$relays" ] && [ /dev/stdout -ef /dev/stderr ]; then
+        err=$out
+    elif [ -p /dev/stderr ] || [ -S /dev/stderr ]; then
+        exec {err}> >(relay >&2)
+        relays+=" $!"
+    fi
+    setsid "$@" <&0 >&"$out" 2>&"$err" &
     child=$!
     for signal in TERM INT USR1 HUP QUIT; do trap "came=yes; pass_on $signal" "$signal"; done
+    [ "$err" = 2 ] || [ "$err" = "$out" ] || exec {err}>&-
+    [ "$out" = 1 ] || exec {out}>&-
     while :; do
         came=""
         code=0
@@ -25,7 +39,17 @@ attend() {
     if [ -n "${BARE_SIGNALS:-}" ] && [ "$code" -gt 6 ] && [ "$code" -lt 32 ]; then code=$((code + 128)); fi
     [ -z "$hurried" ] || [ "$code" = 6 ] || code=130
     trap - TERM INT USR1 HUP QUIT
+    trap "" PIPE # what is said from here on may have no reader any more
+    for number in {1..20}; do # seconds/10; a reader that takes longer gets the rest later
+        kill -0 $relays 2>/dev/null || break
+        sleep 0.1
+    done
     [ "$DDMPI_SIGNAL" = /dev/null ] || rm -f "$DDMPI_SIGNAL"
+}
+
+relay() { # hands on what it reads, to the end, also when nobody takes it any more
+    trap "" PIPE TERM INT USR1 HUP QUIT
+    cat 2>/dev/null || cat >/dev/null
 }
 
 pass_on() {

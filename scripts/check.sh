@@ -7,12 +7,12 @@ cd "$ROOT"
 if ! cmp -s pyproject.toml .venv-dev/pyproject.toml; then
     say "making .venv-dev"
     rm -rf .venv-dev
-    "$PYTHON" -m venv .venv-dev
-    "$PYTHON" -c 'import tomllib
+    "$PYTHON" -P -m venv .venv-dev
+    "$PYTHON" -P -c 'import tomllib
 print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["dev"], sep="\n")' |
-        .venv-dev/bin/python -m pip install --quiet --disable-pip-version-check -r /dev/stdin
+        .venv-dev/bin/python -P -m pip install --quiet --disable-pip-version-check -r /dev/stdin
     cp pyproject.toml .venv-dev/ # last: an interrupted set-up starts anew
 fi
-.venv-dev/bin/python -m ruff check .
-.venv-dev/bin/python -m ruff format --check --diff .
-PYTHONPATH="" .venv-dev/bin/python -m mypy
+.venv-dev/bin/python -P -m ruff check .
+.venv-dev/bin/python -P -m ruff format --check --diff .
+PYTHONPATH="" .venv-dev/bin/python -P -m mypy

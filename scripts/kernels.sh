@@ -11,10 +11,10 @@ code=0 summary=""
 for OPENBLAS_CORETYPE in ${KERNELS:-SkylakeX Haswell Zen Sandybridge}; do
     export OPENBLAS_CORETYPE
     said="not run: this OpenBLAS does not use it here"
-    if OPENBLAS_VERBOSE=2 "$PYTHON" -c "import numpy.linalg" 2>&1 | grep -qx "Core: $OPENBLAS_CORETYPE"; then
+    if OPENBLAS_VERBOSE=2 "$PYTHON" -P -c "import numpy.linalg" 2>&1 | grep -qx "Core: $OPENBLAS_CORETYPE"; then
         printf '\n%s\n' "OPENBLAS_CORETYPE=$OPENBLAS_CORETYPE"
         log=$(mktemp)
-        "$PYTHON" -m pytest "$@" | tee "$log" || code=1
+        "$PYTHON" -P -m pytest "$@" | tee "$log" || code=1
         said=$(tail -n 1 "$log")
         rm "$log"
     fi

@@ -27,6 +27,6 @@ case "${1:-}" in
     *) set -- run "$@" ;;
 esac
 
-attend $MPIRUN -n "${DDMPI_RANKS:-$(choose_ranks "$@")}" "$PYTHON" -m ddmpi "$@"
+attend $MPIRUN -n "${DDMPI_RANKS:-$(choose_ranks "$@")}" "$PYTHON" -P -m ddmpi "$@"
 explain
 exit "$code"

@@ -22,7 +22,7 @@ give_up() { say "$*"; exit 1; }
 # Does this interpreter really import everything, and is there an mpirun?
 complete() {
     command -v mpirun >/dev/null 2>&1 || return 1
-    "$1" - $MODULES <<'PY' >/dev/null 2>&1
+    "$1" -P - $MODULES <<'PY' >/dev/null 2>&1
 import importlib, sys
 assert sys.version_info >= (3, 11)
 for name in sys.argv[1:]:
@@ -71,7 +71,7 @@ make_venv() {
         give_up "$VENV is there, and no virtual environment; name another folder in DDMPI_VENV"
     rm -rf "$VENV"
     /usr/bin/python3 -m venv --system-site-packages "$VENV" || give_up "python3 -m venv failed"
-    site=$("$VENV/bin/python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
+    site=$("$VENV/bin/python" -P -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
     # Debian keeps petsc4py inside the PETSc tree. And what `pip install --user` has left in the home
     # directory, a newer numpy say, must not come before Debian's.
     cat >"$site/ddmpi-debian.pth" <<'PTH'
@@ -80,7 +80,7 @@ import site; site.ENABLE_USER_SITE = False
 PTH
     # What Debian brings (MPI, PETSc, HDF5 and the bindings to them) must not come again from PyPI, and
     # nothing may replace the numpy that Debian's bindings were compiled for.
-    "$VENV/bin/python" - "$ROOT/pyproject.toml" >"$VENV/requirements.txt" <<'PY'
+    "$VENV/bin/python" -P - "$ROOT/pyproject.toml" >"$VENV/requirements.txt" <<'PY'
 import re, sys, tomllib
 project = tomllib.load(open(sys.argv[1], "rb"))["project"]
 from_debian = {"mpi4py", "petsc4py", "h5py", "numpy", "scipy", "matplotlib"}
@@ -89,12 +89,12 @@ for requirement in project["dependencies"] + project["optional-dependencies"]["t
     if re.match(r"[\w-]+", requirement)[0] not in from_debian | optional:
         print(requirement)
 PY
-    "$VENV/bin/python" -c 'import numpy; print("numpy==" + numpy.__version__)' >"$VENV/constraints.txt"
-    "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check -r "$VENV/requirements.txt" \
+    "$VENV/bin/python" -P -c 'import numpy; print("numpy==" + numpy.__version__)' >"$VENV/constraints.txt"
+    "$VENV/bin/python" -P -m pip install --quiet --disable-pip-version-check -r "$VENV/requirements.txt" \
         -c "$VENV/constraints.txt" >"$LOG" 2>&1 ||
         { tail -n 20 "$LOG" >&2; give_up "pip could not install the Python packages (above)"; }
     # Debian has no clarabel, and PyPI no wheel of it for every machine. A run does without.
-    "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --only-binary clarabel "$CLARABEL" \
+    "$VENV/bin/python" -P -m pip install --quiet --disable-pip-version-check --only-binary clarabel "$CLARABEL" \
         -c "$VENV/constraints.txt" >"$LOG" 2>&1 ||
         say "pip could not install clarabel: whether loose bodies have an equilibrium is not asked, and tests of it skipped"
     printf '%s\n' "$ROOT" >"$site/ddmpi.pth" # the checkout itself; pip would write into it
@@ -112,7 +112,7 @@ Install them with your package manager (conda-forge has them all) and start agai
     LOG=$(mktemp)
     install_packages
     make_venv
-    complete "$VENV/bin/python" || { "$VENV/bin/python" -c "import ${MODULES// /, }; from petsc4py import PETSc" >&2
+    complete "$VENV/bin/python" || { "$VENV/bin/python" -P -c "import ${MODULES// /, }; from petsc4py import PETSc" >&2
         give_up "the set-up ended, but not everything can be imported (above)"; }
     rm -f "$LOG"
     wanted >"$STAMP" # last: an interrupted set-up leaves no stamp and starts anew
@@ -138,6 +138,9 @@ choose_python() {
     return 0
 }
 
+# An empty entry of PYTHONPATH, as after a colon at its end, is the current folder, and so may be anybody's; -P, in all
+# these scripts, keeps the current folder out that Python itself would add.
+PYTHONPATH=$(sed 's/::*/:/g; s/^://; s/:$//' <<<"${PYTHONPATH:-}")
 choose_python
 export PYTHON
 export PYTHONPATH="$ROOT${PYTHONPATH:+:$PYTHONPATH}"

@@ -4,8 +4,8 @@
 set -eu
 . "$(dirname "${BASH_SOURCE[0]}")/setup.sh"
 cd "$ROOT"
-"$PYTHON" -c "import mkdocs" 2>/dev/null || {
+"$PYTHON" -P -c "import mkdocs" 2>/dev/null || {
     say "installing mkdocs"
-    "$PYTHON" -m pip install --quiet --disable-pip-version-check "mkdocs>=1.6" || give_up "install mkdocs for $PYTHON"
+    "$PYTHON" -P -m pip install --quiet --disable-pip-version-check "mkdocs>=1.6" || give_up "install mkdocs for $PYTHON"
 }
-exec "$PYTHON" -m mkdocs build --strict "$@"
+exec "$PYTHON" -P -m mkdocs build --strict "$@"

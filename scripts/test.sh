@@ -8,7 +8,7 @@ cd "$ROOT"
 
 install_slurm() {
     PATH=$PATH:/usr/sbin:/sbin command -v slurmctld >/dev/null && return
-    case "$("$PYTHON" -m pytest --collect-only "$@" 2>&1)" in *test_slurm.py*) ;; *) return ;; esac
+    case "$("$PYTHON" -P -m pytest --collect-only "$@" 2>&1)" in *test_slurm.py*) ;; *) return ;; esac
     if ! command -v apt-get >/dev/null; then
         say "there is no Slurm here and no apt-get to install it; the tests of the batch scripts will be skipped"
         return
@@ -20,4 +20,4 @@ install_slurm() {
 
 export MPLBACKEND=agg
 install_slurm "$@"
-exec "$PYTHON" -m pytest "$@"
+exec "$PYTHON" -P -m pytest "$@"

@@ -22,7 +22,7 @@ COMPLEX = {
     "decks/acting:Acts.heat": 28,
     "decks/acting:Acts.loads": 22,
     "decks/acting:Acts.volume_forces": 16,
-    "decks/cards:_read": 18,
+    "decks/cards:_read": 16,
     "decks/deck:Deck._take": 36,
     "decks/deck:Deck.mesh": 27,
     "decks/deck:flattened": 18,
@@ -76,7 +76,7 @@ LONG = {
     "derive/entries:entries_of": 62,
     "interface/matching:face_rigid": 62,
     "mesh/read:read_mesh": 63,
-    "pictures/browser:_page": 135,
+    "pictures/browser:_page": 133,
     "results/histories:at_step": 105,
     "run/gather:_write_steps": 64,
     "run/gather:gather_summary": 69,
@@ -86,7 +86,6 @@ LONG = {
     "run/solve:Iteration.conclude": 68,
     "run/steps:March._accept": 71,
     "scene/scene:Scene._misplaced": 87,
-    "system/interrupt:apart": 64,
 }
 """Functions of the program beyond `ruler.MOST_LINES`, with the lines of their bodies. Numbers only fall."""
 

@@ -243,7 +243,7 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
     """
     path, folder = Path(assembly).resolve(), Path(output)
     target = folder / "scene.toml"
-    if target.exists():
+    if os.path.lexists(target):
         raise TakenError(
             f"{target} is there already; nothing is overwritten; choose another --output"
         )

@@ -99,9 +99,21 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
         run_sweep(world, sweep)
 
 
+def _probe(folder: str | Path) -> None:
+    """Refuse a folder, which may be anybody's, with pipes and devices, which have no end, or with fields that this
+    process could not read without a crash."""
+    from ddmpi.system.hdf5 import probe
+
+    for path in (*Path(folder).glob("*"), *Path(folder).glob("*/*.json")):
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise InputError(f"{path}: is no file")
+    probe(Path(folder) / "result.h5")
+
+
 def _figures(options: argparse.Namespace) -> None:
     from ddmpi.pictures.draw import draw_all
 
+    _probe(options.folder)
     cut, *more = options.cut or [None]
     if more:
         raise InputError("argument --cut: pictures have one cut, and it is given twice")
@@ -117,6 +129,7 @@ def _figures(options: argparse.Namespace) -> None:
 def _plot(options: argparse.Namespace) -> None:
     from ddmpi.sweep.plots import draw_plot
 
+    _probe(options.folder)
     for plot in options.plots:
         print(draw_plot(Path(options.folder), plot))
 
@@ -126,6 +139,7 @@ def _path(options: argparse.Namespace) -> None:
     from ddmpi.results.tables import read_results, reading, write_path
 
     folder = Path(options.folder)
+    _probe(folder)
     with reading(folder):
         results = at_step(read_results(folder), folder, options.step)
         columns = along(results, getattr(options, "from"), options.to, options.points)
@@ -137,6 +151,7 @@ def _path(options: argparse.Namespace) -> None:
 def _view(options: argparse.Namespace) -> None:
     from ddmpi.pictures.browser import write_view
 
+    _probe(options.folder)
     print(write_view(options.folder, options.output))
 
 
@@ -157,6 +172,7 @@ def _import(options: argparse.Namespace) -> None:
 def _report(options: argparse.Namespace) -> None:
     from ddmpi.cli.report import write_report
 
+    _probe(options.folder)
     print(write_report(options.folder, options.output, options.step))
 
 
@@ -207,7 +223,7 @@ def printing(world: MPI.Comm) -> Iterator[None]:
     if world.rank == 0:
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would print pages about it
         try:
-            sys.stdout.write(text.getvalue())
+            sys.stdout.write(logs.encodable(text.getvalue(), sys.stdout))
             sys.stdout.flush()
         except BrokenPipeError:  # the reader has seen enough
             logs.leave_stdout()
@@ -223,9 +239,12 @@ def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
     import petsc4py
     from mpi4py import MPI
 
-    from ddmpi.petsc.options import as_arguments, silence_left
+    from ddmpi.petsc.options import as_arguments, forget, instead_of_here, silence_left
 
-    petsc4py.init([sys.argv[0], *as_arguments(table), *petsc], comm=MPI.Intracomm(world))
+    own = world.bcast(instead_of_here() if world.rank == 0 else None)
+    petsc4py.init([sys.argv[0], *own, *as_arguments(table), *petsc], comm=MPI.Intracomm(world))
+    if own:
+        forget(own[0])
     signal.signal(
         signal.SIGPIPE, signal.SIG_IGN
     )  # PETSc would end a run whose reader, such as head, has gone

@@ -23,6 +23,7 @@ from ddmpi.cli.report_markup import (
 )
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
+from ddmpi.pictures.script import our_digest
 from ddmpi.results.histories import at_step, evenly
 from ddmpi.results.summary import RESIDUALS, ROWS, count, drawn_times, largest
 from ddmpi.results.tables import read_results, read_summary, reading
@@ -224,11 +225,7 @@ class RunReport:
 
     def _run(self) -> dict[str, Any]:
         """The verdict, warnings, provenance and scene, and the numbers of the summary by their names."""
-        summary, unused, (verdict, *sentences) = (
-            self.summary,
-            self.summary.get("options_unused", []),
-            self._verdict(),
-        )
+        summary, (verdict, *sentences) = self.summary, self._verdict()
         hosts, versions = (
             ", ".join(dict.fromkeys(summary.get("hosts", ()))),
             summary.get("versions", {}),
@@ -259,7 +256,6 @@ class RunReport:
                         f"{motion}; how far it has moved is not determined"
                         for motion in summary.get("undetermined", ())
                     ),
-                    *([f"PETSc options that nothing used: {', '.join(unused)}"] if unused else []),
                 ]
             ),
             "slurm": ", ".join(
@@ -344,7 +340,7 @@ class RunReport:
         captions: dict[str, str] = {}
         for file, (plane, solid) in CAPTIONS.items():
             words = solid if len(self.axes) == 3 else plane
-            names = self.contacts if "NAME" in file else [""]
+            names = [name for name in self.contacts if "/" not in name] if "NAME" in file else [""]
             captions |= {file.replace("NAME", name): words.replace("NAME", name) for name in names}
         if self.refused:
             captions = {"mechanism.png": self.summary["reason"]}
@@ -360,7 +356,7 @@ class RunReport:
             else "Drag to move, wheel to zoom"
         )
         view = page(self.folder / "view.html", f"{hands}. The controls choose what is drawn.")
-        allowed = {"view": view, "policy": Html("; script-src 'unsafe-inline'")} if view else {}
+        allowed = {"view": view, "policy": Html(f"; script-src {our_digest()}")} if view else {}
         return allowed | {"pictures": pictures, "undrawn": "" if pictures else self.folder}
 
     def _contacts(self) -> dict[str, Any]:

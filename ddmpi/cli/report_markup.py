@@ -11,11 +11,15 @@ from importlib import resources
 from pathlib import Path
 
 from ddmpi import __version__
+from ddmpi.pictures.script import digest, our_digest
 from ddmpi.system.numbers import ALIKE, scaled_unit
 
 LONG = 12  # minor tables of more rows are folded
 
 TYPES = {".png": "image/png", ".gif": "image/gif"}
+
+BEGINNINGS = (b"\x89PNG", b"GIF8")
+"""First bytes of these pictures."""
 
 CONTACT = (
     "Contact NAME: normal and tangential stress with the slip bound, gap and slip, and zones of open, slipping "
@@ -192,20 +196,29 @@ def noted(entries: Sequence[object]) -> Html | str:
 
 
 def page(path: Path, caption: str) -> Html:
-    """A page of its own within the page, if its file exists; it may run scripts, and reach no network."""
-    if not path.exists():
+    """A view within the page, if its file exists, in a frame of its own origin, which reaches neither the page nor a
+    network; the only script that runs is that of the views of this version."""
+    if not lies_there(path):
         return Html("")
-    return element(
-        "figure",
-        element("iframe", srcdoc=path.read_text(encoding="utf-8"), title=caption, loading="lazy"),
-        element("figcaption", caption),
-    )
+    view = path.read_text(encoding="utf-8")
+    if digest(view) != our_digest():
+        caption = (
+            "Another version of ddmpi, or somebody else, wrote this view, so it stands still here; "
+            "python -m ddmpi view writes it anew."
+        )
+    frame = element("iframe", srcdoc=view, sandbox="allow-scripts", title=caption, loading="lazy")
+    return element("figure", frame, element("figcaption", caption))
+
+
+def lies_there(path: Path) -> bool:
+    """Whether a file lies in the folder itself: a link may lead to any file, which a report would hand on."""
+    return path.is_file() and path.resolve().parent == path.parent.resolve()
 
 
 def picture(path: Path, caption: str, kind: str = "picture") -> Html:
     """A picture within the page, if its file exists."""
-    if not path.exists():
+    if not lies_there(path) or not (content := path.read_bytes()).startswith(BEGINNINGS):
         return Html("")
-    data = base64.b64encode(path.read_bytes()).decode()
+    data = base64.b64encode(content).decode()
     image = f'<img src="data:{TYPES[path.suffix]};base64,{data}" alt="{text(caption)}">'
     return element("figure", Html(image), element("figcaption", caption), kind=kind)

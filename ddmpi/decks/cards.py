@@ -536,21 +536,35 @@ def read_cards(path: Path) -> list[Card]:
     """Each keyword of a deck and of what it includes. Raises DeckError where there is none or a file includes itself,
     InputError where an included one is not there, and OSError."""
     cards: list[Card] = []
-    _read(path, cards, ())
+    _read(path, cards, (), [])
     if not cards:
         raise DeckError("it has no keyword, such as *NODE")
     return cards
 
 
-def _read(path: Path, cards: list[Card], within: tuple[Path, ...]) -> None:
-    """Append the keywords of a file to the `cards`; data lines at the beginning of an included one are of the last."""
+INCLUDED, DEEPEST = 1000, 50
+"""How often a deck may include files, and how deep: a few files that include each other twice would have no end."""
+
+
+def _included(path: Path, within: tuple[Path, ...], read: list[Path]) -> str:
+    """The text of a file that lies `within` others, after those that were `read`. Raises DeckError, OSError."""
     data = path.read_bytes()
     if path.resolve() in within:
         raise DeckError(f"{path} includes itself")
+    read.append(path)
+    if len(read) > INCLUDED or len(within) > DEEPEST:
+        raise DeckError(
+            f"files are included more than {INCLUDED} times, or within each other more than {DEEPEST} times"
+        )
     try:
-        text = data.decode("utf-8-sig")
+        return data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        text = data.decode("latin-1")
+        return data.decode("latin-1")
+
+
+def _read(path: Path, cards: list[Card], within: tuple[Path, ...], read: list[Path]) -> None:
+    """Append the keywords of a file to the `cards`; data lines at the beginning of an included one are of the last."""
+    text = _included(path, within, read)
     every = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
     lines = [(number, line) for number, line in every if line and not line.startswith("**")]
     k, end = 0, len(lines)
@@ -578,4 +592,4 @@ def _read(path: Path, cards: list[Card], within: tuple[Path, ...]) -> None:
                 other = given.pop("INPUT")
                 if not (path.parent / other).is_file():
                     raise DeckError(f"no such file: {other}")
-            _read(path.parent / other, cards, (*within, path.resolve()))
+            _read(path.parent / other, cards, (*within, path.resolve()), read)

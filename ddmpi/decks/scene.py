@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -223,7 +224,7 @@ def import_deck(
         f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n" + tried
     )
     files = ["scene.toml", *(f"{piece.name}.inp" for piece in importer.pieces)]
-    there = [name for name in files if (folder / name).exists()]
+    there = [name for name in files if os.path.lexists(folder / name)]
     if there:
         raise TakenError(
             f"{folder / there[0]} is there already; nothing is overwritten; choose another --output"

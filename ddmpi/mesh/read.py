@@ -21,6 +21,7 @@ from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, refuse_overlaps, signed_mea
 from ddmpi.mesh.refine import KINDS, SIMPLICES, bend, distinct, raise_order, simplices
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
+from ddmpi.system.hdf5 import read_apart
 from ddmpi.system.numbers import ALIKE
 
 MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
@@ -158,11 +159,13 @@ def _load(path: Path, label: str, part: str | None = None):
     kind = path.suffix.lower()
     if kind == ".inp" or kind in FORMATS:
         try:
-            return (
-                Deck(path).mesh(part)
-                if kind == ".inp"
-                else _with_sets(getattr(meshio, FORMATS[kind]).read(path))
-            )
+            if kind == ".inp":
+                return Deck(path).mesh(part)
+            if kind == ".med":  # in HDF5, which may crash on a damaged file
+                return read_apart(path, _read_other, "", kind)
+            return _read_other(path, kind)
+        except InterruptionError:
+            raise
         except Exception as error:  # meshio raises many kinds, some of them without a message
             what = (
                 ""
@@ -194,6 +197,20 @@ def _load(path: Path, label: str, part: str | None = None):
             raise InputError(
                 f"{label} is not a mesh that meshio or gmsh can read ({refusal}; gmsh: {error})"
             ) from None
+
+
+def _read_other(path: Path, kind: str):
+    """A file of another program as a mesh of meshio. Raises InputError, and what meshio raises in this process."""
+    import meshio
+
+    if kind != ".med":
+        return _with_sets(getattr(meshio, FORMATS[kind]).read(path))
+    meshio._mesh.topological_dimension.update(dict.fromkeys(KINDS[3], 3))
+    try:
+        return _with_sets(meshio.med.read(path))
+    except Exception as error:  # in a process of its own, which has no other way to say it
+        what = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__} "
+        raise InputError(f"{what}{error}") from None
 
 
 def _refuse_double_names(path: Path, label: str) -> None:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import ctypes
+import logging
 import os
 import re
 import tempfile
 from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+log = logging.getLogger("ddmpi")
 
 _SOURCE = re.compile(r" # \(source: [\w ]+\)$")
 """What PETSc prints behind an option from 3.19 on."""
@@ -17,6 +21,33 @@ def as_arguments(table: dict[str, str | int | float | bool]) -> list[str]:
     """A scene's [petsc] table as arguments of petsc4py.init, to be put before the command line's, which win."""
     pairs = ((f"-{name}", value) for name, value in _plain(table).items())
     return [word for pair in pairs for word in pair if word is not None]
+
+
+def instead_of_here() -> list[str]:
+    """Arguments by which PETSc reads the options in the home, and none in the current folder, which may be anybody's:
+    they load libraries. Empty where there are none. Not collective."""
+    here, home = Path.cwd(), Path.home() / ".petscrc"
+    found = [
+        here / name
+        for name in (".petscrc", "petscrc")
+        if os.path.lexists(here / name) and here / name != home
+    ]
+    if not found:
+        return []
+    log.warning(
+        "%s is not read: options of the current folder may be anybody's; give them on the command line, in "
+        "PETSC_OPTIONS or in %s",
+        found[0],
+        home,
+    )
+    return ["-skip_petscrc", *(["-options_file", str(home)] if home.is_file() else [])]
+
+
+def forget(name: str) -> None:
+    """Remove an option, as if it had not been given. Not collective."""
+    from petsc4py import PETSc
+
+    PETSc.Options().delValue(name)
 
 
 def _plain(table: dict[str, str | int | float | bool]) -> dict[str, str | None]:
@@ -91,6 +122,12 @@ def unused_options() -> list[str]:
             raise RuntimeError("PetscOptionsUsed failed")
         left += [] if used.value else [name]
     return left
+
+
+def unused_words(names: list[str]) -> list[str]:
+    """The warning of options that no object has asked for, if there are any."""
+    told = "PETSc options that nothing used: {} (solvers have those with the prefixes body_, newton_ and qp_)"
+    return [told.format(", ".join(names))] if names else []
 
 
 def conditions() -> list[tuple[str, str | None]]:

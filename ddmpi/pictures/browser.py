@@ -6,7 +6,6 @@ import string
 import zlib
 from dataclasses import replace
 from html import escape
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ from ddmpi import __version__
 from ddmpi.errors import InputError
 from ddmpi.pictures.bodies import BRIGHTEST, largest_of
 from ddmpi.pictures.moved import ABOVE, apart, covered, magnify, pressed
+from ddmpi.pictures.script import view_template
 from ddmpi.pictures.sheet import limits
 from ddmpi.pictures.views import Skin, View, sharp_edges
 from ddmpi.results.fields import owners
@@ -218,9 +218,7 @@ def _page(results: Results, folder: Path) -> str:
         ).tolist(),
         "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in results.parts],
     }
-    template = string.Template(
-        resources.files("ddmpi.pictures").joinpath("view.html").read_text(encoding="utf-8")
-    )
+    template = string.Template(view_template())
     return template.substitute(
         version=__version__,
         title=escape(results.summary["title"] or ", ".join(results.summary["bodies"])),

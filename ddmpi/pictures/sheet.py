@@ -2,6 +2,7 @@
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -73,6 +74,8 @@ def start_drawing() -> Any:
         raise InputError(f"no pictures can be drawn; {NO_MATPLOTLIB}")
     import matplotlib
 
+    if Path(matplotlib.matplotlib_fname()).resolve().parent == Path.cwd():
+        matplotlib.rcdefaults()  # settings of the current folder, which may be anybody's, may start LaTeX
     matplotlib.use("agg")
     from matplotlib import pyplot
 

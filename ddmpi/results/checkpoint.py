@@ -33,6 +33,7 @@ from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed
 from ddmpi.system.clock import Clock
 from ddmpi.system.files import CHECKPOINT, write_atomically
+from ddmpi.system.hdf5 import read_apart, read_tree
 
 log = logging.getLogger("ddmpi")
 
@@ -291,8 +292,8 @@ def _head(data: bytes) -> bytes:
 
 def read(path: Path) -> tuple[dict[str, dict], list[dict[str, Any]]]:
     """Identity and states that `write` wrote. Raises InputError where the file is not whole. Not collective."""
-    import h5py
-
+    if path.exists() and not path.is_file():
+        raise InputError(f"--restart {path.parent}: {path} is no file")
     try:
         data = path.read_bytes()
     except FileNotFoundError:
@@ -305,8 +306,9 @@ def read(path: Path) -> tuple[dict[str, dict], list[dict[str, Any]]]:
         ) from None
     if data[:BLOCK] != _head(data[BLOCK:]):
         raise InputError(f"{path}: damaged, or not {KIND}")
-    with reading(path, KIND), h5py.File(io.BytesIO(data), "r") as file:
-        return _get(file["identity"]), [_get(file[f"rank {rank}"]) for rank in range(len(file) - 1)]
+    with reading(path, KIND):
+        content = read_apart(path, read_tree, f"{path}: not {KIND}: ")
+        return content["identity"], [content[f"rank {rank}"] for rank in range(len(content) - 1)]
 
 
 def _put(group: Any, table: dict[str, Any]) -> None:
@@ -325,13 +327,3 @@ def _put(group: Any, table: dict[str, Any]) -> None:
             group[name] = np.asarray(value)
         else:
             group[name] = json.dumps(value, default=np.generic.item)
-
-
-def _get(entry: Any) -> Any:
-    import h5py
-
-    if isinstance(entry, h5py.Group):
-        return {name: _get(value) for name, value in entry.items()}
-    if h5py.check_string_dtype(entry.dtype):
-        return json.loads(entry.asstr()[()])
-    return np.split(entry[()], entry.attrs["ends"][:-1]) if "ends" in entry.attrs else entry[()]

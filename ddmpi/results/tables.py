@@ -3,12 +3,13 @@ energy.csv; all files of a run, read back."""
 
 import contextlib
 import csv
+import io
 import json
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from ddmpi.errors import DdmpiError, InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState, signed
 from ddmpi.mesh.elements import FIRST, cell_with, circumference, facet_measures
-from ddmpi.system.files import contact_files, writing
+from ddmpi.system.files import contact_files, write_atomically, writing
 
 Columns = dict[str, np.ndarray]
 """A table: the arrays of its columns by name; `status` and `contact` hold words, all others numbers."""
@@ -283,7 +284,9 @@ def write_path(path: Path, columns: Columns) -> None:
         raise InputError(
             f"--output {path}: is there already, and no table of a path; name another file"
         )
-    write_table(path, columns, zip(*columns.values(), strict=True))
+    text = io.StringIO(newline="")
+    _write(text, columns, zip(*columns.values(), strict=True))
+    write_atomically(path, text.getvalue().encode())  # in the place of a link, not through it
 
 
 @contextlib.contextmanager
@@ -303,9 +306,13 @@ def reading(path: str | Path, what: str = "a complete folder of results") -> Ite
 def write_table(path: Path, columns: Iterable[str], rows: Iterable[Sequence]) -> None:
     """Write a table with the names of its `columns`. Not collective. Raises OutputError."""
     with writing(path), open(path, "w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(columns)
-        writer.writerows([_cell(value) for value in row] for row in rows)
+        _write(file, columns, rows)
+
+
+def _write(file: TextIO, columns: Iterable[str], rows: Iterable[Sequence]) -> None:
+    writer = csv.writer(file, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows([_cell(value) for value in row] for row in rows)
 
 
 def _cell(value: object) -> object:

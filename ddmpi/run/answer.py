@@ -27,7 +27,7 @@ from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, NAMED, describe_contact
 from ddmpi.run.run import Cases
 from ddmpi.scene.keys import override
-from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
+from ddmpi.scene.reader import as_data, code_of, read_data, read_scene, read_text, refuse_reaching
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
 from ddmpi.system.agreement import from_first, in_lockstep, merged
@@ -166,14 +166,12 @@ class Model:
                 raise InputError(
                     f"scene: expected a path, the text of a scene, or a table (got {scene!r})"
                 )
-            return read_data(
-                path,
-                scene
-                if isinstance(scene, Mapping)
-                else str(scene)
-                if in_words
-                else read_text(path),
-            )
+            if not isinstance(scene, Mapping):
+                return read_data(path, str(scene) if in_words else read_text(path))
+            data = read_data(path, scene)
+            if named := refuse_reaching(path, data):
+                raise InputError(f"{path}: {code_of(named)}")
+            return data
 
         self._data = from_first(self._world, read)
         self._cases: Cases | None = Cases(self._world, keep)

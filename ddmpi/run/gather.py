@@ -21,7 +21,7 @@ from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.events import event
-from ddmpi.petsc.options import in_force, unused_options
+from ddmpi.petsc.options import in_force, unused_options, unused_words
 from ddmpi.pictures.browser import write_view
 from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.results.fields import (
@@ -272,7 +272,7 @@ def gather_summary(
     if of_ranks is None:
         return {}
     bodies_of_ranks, unused, inner, sent, named = zip(*of_ranks, strict=True)
-    hosts = list(itertools.chain(*named))
+    hosts, left = list(itertools.chain(*named)), sorted(set.intersection(*unused))
     bodies = dict(
         body for _, body in sorted(itertools.chain(*bodies_of_ranks), key=lambda pair: pair[0])
     )
@@ -293,13 +293,13 @@ def gather_summary(
             "target": scene.method.target_error,
             "levels": [level._asdict() for level in ladder.levels],
         },
-        "warnings": warnings,
+        "warnings": [*warnings, *unused_words(left)],
         "undetermined": free,
         "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
         "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
         "solvers": {"qp": outer.qp_type},
         "options": in_force(),
-        "options_unused": sorted(set.intersection(*unused)),
+        "options_unused": left,
     } | ({"energy": steps.balance()} if scene.time else {})
     if scene.output.derivatives:
         run["derivatives"] = steps.derived[0] if solution.certified else {}

@@ -233,11 +233,6 @@ def log_end(summary: dict, solution: Solution) -> None:
         lines.append(f"and {len(motions) - NAMED} more such motions, which summary.json lists")
     for line in lines:
         log.info("%s", line)
-    if summary["options_unused"]:
-        log.warning(
-            "PETSc options that nothing used: %s (solvers have those with the prefixes body_, newton_ and qp_)",
-            ", ".join(summary["options_unused"]),
-        )
 
 
 def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[str]:

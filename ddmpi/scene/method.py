@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Collection, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -47,8 +46,8 @@ class Method(Table, frozen=True, kw_only=True):
     ----------
     outer : "newton", without parameters to tune; for two supported bodies with one contact also "anderson", the
         published map, weighted by stiffness and accelerated, and "relaxation", the published iteration. Left out,
-        "relaxation" where algorithm, splitting or theta is given, else "newton". "package.module:Class" is a method of
-        your own, see docs/use/methods.md
+        "relaxation" where algorithm, splitting or theta is given, else "newton". A method of your own, "package.module:Class",
+        is given by --set or in Python alone, see docs/use/methods.md
     algorithm : of the published iteration; left out, "original"
     splitting : of the published iteration, in which step Gauss-Seidel sweeps replace QPs; left out, "none"
     theta : relaxation of the published iteration; left out, 0.2
@@ -340,36 +339,6 @@ class Time(Table, frozen=True, kw_only=True):
     def settled(self) -> Time:
         """The load steps, with a tolerance if no number of steps is given."""
         return settle(self, Time, tolerance=None if self.steps else self.tolerance or 0.02)
-
-
-REACHING = re.compile(
-    "debug|dll|python|file|string|info|trace|history|citations|malloc|mpe|tmpdir|saws|draw|display"
-)
-"""PETSc's options that start programs, load code, or name files."""
-
-VIEWING, FILES = (
-    re.compile("view|monitor"),
-    re.compile("binary|hdf5|vtk|matlab|socket|saws|adios|exodus|cgns|draw"),
-)
-"""Options that show something, and values that send it to files or windows."""
-
-OWN = "ddmpi.mprgp.MPRGP"
-"""The only Python class that a scene's options may name."""
-
-
-def check_petsc(options: Mapping[str, object]) -> None:
-    """Raise ValueError for PETSc's options that reach beyond the run. Not collective."""
-    for name, value in options.items():
-        reaching = (
-            REACHING.search(name.lower()) and (isinstance(value, str) or "debug" in name.lower())
-        ) or (VIEWING.search(name.lower()) and FILES.match(str(value).lower()))
-        if value != OWN and (
-            reaching or not re.fullmatch(r"(?!-\D)[^/:\s]*(::[^/:\s]*)?", str(value))
-        ):
-            raise ValueError(
-                f"petsc.{name}: could start a program or name a file, which no scene may do; give it on "
-                f"the command line, as -{name.lstrip('-')} …"
-            )
 
 
 VIEWS = {

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
+from ddmpi.petsc.harmless import check_petsc
 from ddmpi.scene.keys import name_of, override, parse_value
 from ddmpi.scene.meshes import GEOMETRIES
 from ddmpi.scene.mistakes import explain, explain_syntax
@@ -43,6 +44,15 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
         raise InputError(f"{path}: is nested too deeply") from None
     except ValueError as error:  # an integer of too many digits
         raise InputError(f"{path}: not valid TOML: {str(error).split(';')[0]}") from None
+    named = refuse_reaching(path, data) if isinstance(scene, str) else ""
+    _set(data, settings)
+    if named and isinstance(method := data["method"], dict) and "outer" not in method:
+        raise InputError(f"{path}: {code_of(named)}")
+    return data
+
+
+def _set(data: dict, settings: Sequence[str]) -> None:
+    """Put ``KEY=VALUE`` settings into the data. Raises InputError."""
     for setting in settings:
         key, separator, value = setting.partition("=")
         if not separator or not key:
@@ -52,7 +62,33 @@ def read_data(path: str, scene: str | Mapping[str, Any], settings: Sequence[str]
         ):  # how Python keeps bytes of the command line that are no text
             raise InputError(f"--set {setting!a}: not text in UTF-8")
         override(data, key, parse_value(value))
-    return data
+
+
+def refuse_reaching(path: str, data: dict) -> str:
+    """Refuse what a scene may not ask for, as whoever starts a run may: PETSc's options that reach beyond it, and code.
+
+    Returns the class that the scene names as method.outer, which is taken out of the data; empty if there is none.
+    Raises InputError for the options.
+    """
+    method, options = data.get("method"), data.get("petsc")
+    try:
+        check_petsc(options if isinstance(options, dict) else {})
+    except ValueError as error:
+        raise InputError(f"{path}: {error}") from None
+    named = method.get("outer") if isinstance(method, dict) else None
+    return (
+        method.pop("outer")
+        if isinstance(method, dict) and isinstance(named, str) and ":" in named
+        else ""
+    )
+
+
+def code_of(named: str) -> str:
+    """What to say of a scene that names a class as method.outer."""
+    return (
+        f'method.outer: "{named}" is code from outside ddmpi, which no scene may start; if you trust it, leave the '
+        f"line out and start with --set method.outer={named}, in Python with outer=…"
+    )
 
 
 def as_data(value: Any, where: str, *key: str) -> Any:

@@ -28,7 +28,6 @@ from ddmpi.scene.method import (
     Output,
     SettledMethod,
     Time,
-    check_petsc,
     units,
 )
 from ddmpi.scene.motions import Motion, check_motions
@@ -78,8 +77,8 @@ class Scene(Table, frozen=True, kw_only=True):
     method : method and accuracy
     output : files that are written
     checkpoint : intervals at which the state is written
-    petsc : PETSc options by name without the dash, such as body_ksp_type = "cg"; the command line wins, and it
-        alone may name files and programs
+    petsc : PETSc options of solvers by name without the dash, such as body_ksp_type = "cg"; the command line wins, and
+        it alone may set options that name files or start programs, see docs/reference/security.md
     """
 
     title: str = ""
@@ -137,7 +136,6 @@ class Scene(Table, frozen=True, kw_only=True):
         self._check_histories()
         check_motions(self)
         check_heat(self.body)
-        check_petsc(self.petsc)
         two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
         if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
             raise ValueError(

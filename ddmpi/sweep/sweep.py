@@ -187,7 +187,7 @@ def _describe(place: Path) -> str:
         end += f", {outcome.summary['outer_iterations']} outer iterations, n_A = {outcome.summary['n_A']}"
         if unused := outcome.summary["options_unused"]:
             end += f"; PETSc options that nothing used: {', '.join(unused)}"
-        if warnings := len(outcome.warnings):
+        if warnings := len(outcome.warnings) - bool(unused):
             end += f"; {warnings} warning{'s' * (warnings > 1)}"
     return end
 

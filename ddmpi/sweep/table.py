@@ -245,6 +245,8 @@ def find_column(word: str, names: Sequence[str], what: str) -> str:
 def _read_json(path: Path, patience: float = 0.0) -> dict | None:
     """A table in a file, once it is whole; None where there is no file."""
     end = time.monotonic() + patience
+    if path.exists() and not path.is_file():
+        raise InputError(f"{path}: is no file; remove it, or name another --output")
     while True:
         try:
             return json.loads(path.read_text(encoding="utf-8"))

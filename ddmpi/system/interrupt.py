@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from ddmpi.errors import DdmpiError, InterruptionError
+from ddmpi.system.logs import encodable
 
 SIGNALS = (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)
 
@@ -114,10 +115,6 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
 
     task = folder / "task"
     task.write_bytes(pickle.dumps((work, arguments)))
-    environment = {
-        name: value for name, value in os.environ.items() if not name.startswith(OF_RANKS)
-    }
-    environment |= {"HOME": str(folder), "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     command = [sys.executable, "-P", "-c", "from ddmpi.system.interrupt import _serve; _serve()"]
     with (
         tempfile.TemporaryFile() as said,
@@ -127,7 +124,7 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
             stdout=subprocess.PIPE,
             stderr=said,
             cwd=folder,
-            env=environment,
+            env=_environment(folder),
             process_group=0,
         ) as child,
     ):
@@ -140,19 +137,7 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
                 seen, before = time.monotonic(), seen
                 _waited[0] += seen - before
                 if doing and _waited[0] > silent:
-                    # not by `said` itself, whose place in the file is the process's, too
-                    end = os.pread(
-                        said.fileno(), 1000, max(os.fstat(said.fileno()).st_size - 1000, 0)
-                    ).strip()
-                    last = (
-                        re.split(rb"[\r\n]+", end)[-1].decode(errors="replace").partition(": ")[2]
-                    )
-                    print(
-                        f"ddmpi: {doing}, for {seen - begun:.0f} s so far"
-                        + f": {last.strip()}" * bool(last),
-                        file=sys.stderr,
-                        flush=True,
-                    )
+                    _tell(said.fileno(), f"{doing}, for {seen - begun:.0f} s so far")
                     _waited[0], silent = 0.0, max(silent, seen - begun)
             returned = child.stdout.read()
             code = child.wait()
@@ -161,19 +146,38 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
                 os.killpg(child.pid, signal.SIGKILL)
         check()
         if code or not returned:
-            said.seek(0)
-            lines = [
-                line
-                for line in said.read().decode(errors="replace").strip().split("\n")
-                if not line.startswith("Info ")
-            ]
-            words = lines[-1] if lines else ""
-            how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
-            raise ChildProcessError(": ".join(filter(None, (how, words))))
+            raise ChildProcessError(_end(code, said.fileno()))
     answer = pickle.loads(returned)
     if isinstance(answer, DdmpiError):
         raise answer
     return answer
+
+
+def _end(code: int, said: int) -> str:
+    """How a process has ended that had to return something, and the last line in the file of what it has said."""
+    os.lseek(said, 0, os.SEEK_SET)
+    with os.fdopen(os.dup(said), "rb") as file:
+        text = file.read().decode(errors="replace")
+    lines = [line for line in text.strip().split("\n") if not line.startswith("Info ")]
+    how = f"signal {signal.Signals(-code).name}" if code < 0 else f"exit code {code}"
+    return ": ".join(filter(None, (how, lines[-1] if lines else "")))
+
+
+def _environment(folder: Path) -> dict[str, str]:
+    """The environment of a process that is no rank, with this home and the modules of this process."""
+    ours = str(Path(__file__).parents[2])  # may lie in the current folder, which is not on sys.path
+    others = {name: value for name, value in os.environ.items() if not name.startswith(OF_RANKS)}
+    path = os.pathsep.join(filter(None, [*sys.path, ours]))
+    return others | {"HOME": str(folder), "PYTHONPATH": path}
+
+
+def _tell(said: int, words: str) -> None:
+    """Print the words, and the last line in the file of what the other process says."""
+    # not by reading on, because the place in the file is the process's, too
+    end = os.pread(said, 1000, max(os.fstat(said).st_size - 1000, 0)).strip()
+    last = re.split(rb"[\r\n]+", end)[-1].decode(errors="replace").partition(": ")[2].strip()
+    line = f"ddmpi: {words}" + f": {last}" * bool(last)
+    print(encodable(line, sys.stderr), file=sys.stderr, flush=True)
 
 
 def _serve() -> None:

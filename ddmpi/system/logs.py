@@ -10,10 +10,14 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 from ddmpi.errors import InputError, OutputError
 
 _logger = logging.getLogger("ddmpi")
+
+ESCAPED = "backslashreplace"
+"""What becomes of bytes of a file's name that are no text."""
 
 
 class _LogFile(logging.FileHandler):
@@ -39,7 +43,7 @@ class _LogFile(logging.FileHandler):
 
 class _Screen(logging.StreamHandler):
     def format(self, record: logging.LogRecord) -> str:
-        return printable(super().format(record))
+        return encodable(printable(super().format(record)), self.stream)
 
     def handleError(self, record: logging.LogRecord) -> None:
         leave_stdout()
@@ -57,6 +61,12 @@ def _give_up(handler: logging.Handler, message: str) -> None:
 def printable(text: str) -> str:
     """The text with characters that control a screen, such as NUL, in words; lines stay."""
     return re.sub(r"[\x00-\x09\x0b-\x1f\x7f]", lambda match: repr(match[0])[1:-1], text)
+
+
+def encodable(text: str, stream: IO[str]) -> str:
+    """The text with what the stream has no letters for, as after PYTHONIOENCODING=ascii, in escapes."""
+    encoding = getattr(stream, "encoding", None) or "utf-8"
+    return text.encode(encoding, ESCAPED).decode(encoding)
 
 
 def leave_stdout() -> None:
@@ -82,7 +92,9 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
     _logger.propagate = False
     _logger.setLevel(logging.CRITICAL + 1 if rank else logging.INFO)
     if rank:
-        _logger.handlers = [_LogFile(file, encoding="utf-8", delay=True)] if file else []
+        _logger.handlers = (
+            [_LogFile(file, encoding="utf-8", delay=True, errors=ESCAPED)] if file else []
+        )
         return
     _logger.handlers = _on_screen(quiet)
     if file:
@@ -93,7 +105,7 @@ def configure(rank: int, quiet: bool = False, file: str | None = None, heading: 
                     f"--log {file}: is there already, and no log of ddmpi; name another file"
                 )
             Path(file).parent.mkdir(parents=True, exist_ok=True)
-            _logger.addHandler(log := _LogFile(file, encoding="utf-8"))
+            _logger.addHandler(log := _LogFile(file, encoding="utf-8", errors=ESCAPED))
         except OSError as error:
             raise InputError(f"--log {file}: cannot be written: {error.strerror}") from None
         log.handle(logging.makeLogRecord({"msg": heading}))
@@ -144,7 +156,7 @@ def diverted(path: Path | None) -> Iterator[None]:
         if path and path.is_symlink():
             raise OutputError(f"{path}: is a link, and nothing is written elsewhere")
         if path:
-            _logger.handlers = [_LogFile(path, encoding="utf-8")]
+            _logger.handlers = [_LogFile(path, encoding="utf-8", errors=ESCAPED)]
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
     try:
@@ -159,7 +171,7 @@ def report_error(message: str) -> None:
     """Print an error on stderr and append it to the log; any rank may do so on its own."""
     with contextlib.suppress(OSError):  # the exit code says it, too
         sys.stderr.write(
-            f"{printable(message)}\n"
+            encodable(f"{printable(message)}\n", sys.stderr)
         )  # a whole line: Open MPI 5.0 mixes pieces of lines of both streams
         sys.stderr.flush()
     for handler in _log_files():

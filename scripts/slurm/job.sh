@@ -14,8 +14,8 @@ launch() {
     local ranks=${DDMPI_RANKS:-${SLURM_NTASKS:-2}}
     saved=$(checkpoint)
     case "${DDMPI_LAUNCH:-mpirun}" in
-        mpirun) attend $MPIRUN -n "$ranks" "$PYTHON" "$@" ;;
-        srun) attend srun --mpi="${DDMPI_MPI:-pmix}" -n "$ranks" "$PYTHON" "$@" ;;
+        mpirun) attend $MPIRUN -n "$ranks" "$PYTHON" -P "$@" ;;
+        srun) attend srun --mpi="${DDMPI_MPI:-pmix}" -n "$ranks" "$PYTHON" -P "$@" ;;
         *) echo "DDMPI_LAUNCH is mpirun or srun, not $DDMPI_LAUNCH" >&2; exit 2 ;;
     esac
 }

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import pinched_blocks, run_here, write_scene
+from scenes import call, pinched_blocks, run_here, write_scene
 
 import ddmpi
 from ddmpi.errors import InputError, SolverError
@@ -56,12 +56,37 @@ def test_what_one_rank_cannot_import_is_refused_on_both(comm, projected, monkeyp
 
 
 def test_a_run_writes_results_of_an_outside_method(tmp_path, projected):
-    scene = write_scene(
-        pinched_blocks(2, outer="projected:Projected", max_iterations=20_000),
-        tmp_path / "scene.toml",
+    scene = write_scene(pinched_blocks(2, max_iterations=20_000), tmp_path / "scene.toml")
+    run = run_here(
+        scene, tmp_path / "out", "--no-figures", "--set", "method.outer=projected:Projected"
     )
-    run = run_here(scene, tmp_path / "out", "--no-figures")
     assert run.code == 0 and "projected:Projected, not of ddmpi, update below 1e-08" in run.output
+
+
+def test_no_scene_starts_code(tmp_path, monkeypatch):
+    """A class that a scene names is refused before its module is imported, with how to give it, by all that read one."""
+    (tmp_path / "here.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()")
+    monkeypatch.syspath_prepend(tmp_path)
+    named = pinched_blocks(2, outer="here:Class")
+    scene = write_scene(named, tmp_path / "scene.toml")
+    for command in ("run", "check"):
+        run = call(command, str(scene), "--output", str(tmp_path / "out"))
+        assert run.code == 2 and "--set method.outer=here:Class" in run.messages[0]
+    swept = call(
+        "sweep",
+        str(scene),
+        "--vary",
+        "method.tolerance=1e-4,1e-5",
+        "--output",
+        str(tmp_path / "out"),
+    )
+    assert swept.code == 2 and "no scene may start" in swept.messages[0]
+    for given in (scene, scene.read_text(), named):
+        with pytest.raises(InputError, match="no scene may start"):
+            ddmpi.solve(given)
+    assert not (tmp_path / "ran").exists()
+    other = run_here(scene, tmp_path / "out", "--no-figures", "--set", "method.outer=newton")
+    assert other.code == 0, other.messages
 
 
 @pytest.mark.parametrize(

@@ -90,6 +90,7 @@ def test_arguments_are_handed_on(root):
     )
     assert start(root, "5.toml", "--set", "title=a b")[2:] == [
         "python",
+        "-P",
         "-m",
         "ddmpi",
         "run",
@@ -97,9 +98,10 @@ def test_arguments_are_handed_on(root):
         "--set",
         "title=a b",
     ]
-    assert start(root, "report", "out")[2:] == ["python", "-m", "ddmpi", "report", "out"]
+    assert start(root, "report", "out")[2:] == ["python", "-P", "-m", "ddmpi", "report", "out"]
     assert start(root)[2:] == [
         "python",
+        "-P",
         "-m",
         "ddmpi",
         "run",

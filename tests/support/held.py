@@ -41,7 +41,7 @@ def main() -> None:
         return original(*arguments)
 
     Compliance.mult = mult
-    cli.main(sys.argv[3:])
+    cli.main(sys.argv[sys.argv.index("ddmpi") + 1 :])  # after -P -m ddmpi
 
 
 if __name__ == "__main__":

@@ -263,6 +263,8 @@ def test_options_that_nothing_used_are_named_once(here):
         here / "scene.toml", here / "unused", "--no-figures", "-not_an_option", "1"
     )
     assert run.code == 0 and run.output.count("not_an_option") == 1
+    told = "PETSc options that nothing used: not_an_option (solvers have"
+    assert [warning.startswith(told) for warning in run.summary["warnings"]] == [True]
     assert run.summary["options_unused"] == ["not_an_option"] and run.summary["options"] == {
         "not_an_option": "1"
     }

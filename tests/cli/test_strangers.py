@@ -1,0 +1,169 @@
+"""Folders, meshes and decks of strangers: they crash no rank, write and hand on nothing, and have an end."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import h5py
+import made_up
+import pytest
+import scenes
+from crash import crash
+from scenes import call, pinched_blocks, write_scene
+
+from ddmpi.errors import InputError
+from ddmpi.pictures.script import digest, our_digest
+from ddmpi.results import checkpoint
+from ddmpi.system import hdf5
+
+
+@pytest.fixture
+def folder(tmp_path) -> Path:
+    """A folder of results, and a file of somebody beside it."""
+    (tmp_path / "secret.png").write_bytes(b"\x89PNG of somebody else")
+    (tmp_path / "out").mkdir()
+    made_up.results(tmp_path / "out", divisions=(6, 2))
+    return tmp_path / "out"
+
+
+@pytest.mark.parametrize("script", ["fetch('https://example.org')", "parent.document.title"])
+def test_a_report_frames_the_view_of_a_stranger(folder, script):
+    """It has an origin of its own, and its script is none that the policy of the report names."""
+    (folder / "view.html").write_text(f"<script>{script}</script><b title='\"'>\"></iframe></b>")
+    assert call("report", str(folder)).code == 0
+    page = (folder / "report.html").read_text()
+    (frame,) = re.findall(r"<iframe [^>]*>", page)
+    assert 'sandbox="allow-scripts"' in frame and "allow-same-origin" not in page
+    (policy,) = re.findall(r'Content-Security-Policy" content="([^"]*)"', page)
+    assert (
+        f"script-src {our_digest()}" in policy
+        and digest(f"<script>{script}</script>") not in policy
+    )
+    assert not re.search("script-src[^;]*unsafe", page) and "python -m ddmpi view" in page
+    assert page.count("</iframe>") == 1
+
+
+def test_a_view_of_ours_may_run(folder):
+    """The policies of report and view have the digest of the one script that a view has."""
+    assert call("view", str(folder)).code == 0 and call("report", str(folder)).code == 0
+    view, page = (folder / "view.html").read_text(), (folder / "report.html").read_text()
+    assert digest(view) == our_digest() and f"script-src {our_digest()}" in view
+    assert f"script-src {our_digest()}" in page and "python -m ddmpi view" not in page
+
+
+def test_a_report_hands_on_no_other_file(folder):
+    """A picture that is a link to another file, or no picture, is left out: reports are mailed."""
+    (folder / "bodies.png").symlink_to(folder.parent / "secret.png")
+    (folder / "contacts.png").write_text("no picture")
+    (folder / "steps.png").write_bytes(b"\x89PNG of this run")
+    assert call("report", str(folder)).code == 0
+    pictures = re.findall(
+        r'src="data:image/png;base64,([^"]*)"', (folder / "report.html").read_text()
+    )
+    assert len(pictures) == 1 and pictures[0].startswith("iVBORyBvZiB0aGlz")
+
+
+def test_names_of_contacts_lead_to_no_other_folder(folder):
+    """Also where a report reads the summary alone: it hands on no picture of another folder."""
+    text = (folder / "summary.json").read_text()
+    name = next(iter(made_up.CONTACTS["stack"]))
+    (folder / "summary.json").write_text(text.replace(f'"{name}"', '"/../../secret"'))
+    (folder / "result.h5").unlink()
+    (folder / "contact_").mkdir()
+    assert (folder / "contact_/../../secret.png").exists()
+    assert call("report", str(folder)).code == 0
+    assert "data:image/png" not in (folder / "report.html").read_text()
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_tables_of_paths_are_not_written_through_links(folder, there):
+    """A link in the place of path.csv is replaced; what it leads to stays as it is, also what is not there yet."""
+    target = folder.parent / "theirs.csv"
+    if there:
+        target.write_text("distance,x,y,theirs")
+    (folder / "path.csv").symlink_to(target)
+    assert call("path", str(folder), "--from", "0,0.1", "--to", "1,0.1").code == 0
+    assert not (folder / "path.csv").is_symlink() and target.exists() == there
+    assert not there or target.read_text() == "distance,x,y,theirs"
+
+
+@pytest.mark.parametrize(
+    "command", [["report"], ["view"], ["figures"], ["path", "--from", "0,0", "--to", "1,1"]]
+)
+@pytest.mark.parametrize("name", ["summary.json", "history.csv", "result.h5", "view.html"])
+def test_pipes_in_folders_end_no_command_in_waiting(folder, command, name):
+    """A pipe, which nobody writes to, is no file of results."""
+    (folder / name).unlink(missing_ok=True)
+    os.mkfifo(folder / name)
+    run = call(command[0], str(folder), *command[1:])
+    assert run.code == 2 and f"{name}: is no file" in run.messages[0]
+
+
+def test_a_crash_of_hdf5_is_a_message(folder, tmp_path, monkeypatch):
+    """Of a mesh, of a folder's fields, and of a checkpoint: the process that reads it ends, the command says so."""
+    (tmp_path / "plate.med").write_bytes(b"\x89HDF")
+    scene = pinched_blocks(1)
+    scene["body"][0]["mesh"] = {"file": "plate.med"}
+    monkeypatch.setattr("ddmpi.mesh.read._read_other", crash)
+    run = call(
+        "run", str(write_scene(scene, tmp_path / "scene.toml")), "--output", str(tmp_path / "new")
+    )
+    assert (
+        run.code == 2
+        and "plate.med is not a mesh that can be read: reading it ends the process (signal SIGSEGV"
+        in (run.messages[0])
+    )
+    monkeypatch.setattr("ddmpi.system.hdf5._walk", crash)
+    for command in ("report", "view", "figures"):
+        run = call(command, str(folder))
+        assert run.code == 2 and "reading it ends the process (signal SIGSEGV" in run.messages[0]
+    checkpoint.write(tmp_path / "checkpoint.h5", {"scene": {}}, [{"a": 1}])
+    assert checkpoint.read(tmp_path / "checkpoint.h5") == ({"scene": {}}, [{"a": 1}])
+    monkeypatch.setattr(checkpoint, "read_tree", crash)
+    with pytest.raises(InputError, match=r"reading it ends the process \(signal SIGSEGV"):
+        checkpoint.read(tmp_path / "checkpoint.h5")
+
+
+def test_a_small_file_stands_for_no_large_array(folder):
+    """A dataset of a terabyte that was never written takes no memory."""
+    with h5py.File(folder / "result.h5", "r+") as file:
+        file.create_dataset("huge", (10**11,), "f8", chunks=(1000,))
+    with pytest.raises(InputError, match=r"it holds arrays of 8e\+11 bytes"):
+        hdf5.probe(folder / "result.h5")
+
+
+def test_decks_that_include_each_other_have_an_end(tmp_path):
+    """Thirty files, each of which includes the next one twice, are a thousand million files."""
+    for k in range(30):
+        (tmp_path / f"{k}.inp").write_text(
+            "*NODE\n1, 0, 0\n" + f"*INCLUDE, INPUT={k + 1}.inp\n" * 2
+        )
+    (tmp_path / "30.inp").write_text("*NODE\n2, 1, 0\n")
+    run = call("import", str(tmp_path / "0.inp"), "--output", str(tmp_path / "new"))
+    assert run.code == 2 and "included more than 1000 times" in run.messages[0]
+    assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.slow
+def test_a_handful_of_mutated_files(tmp_path):
+    """The study's commands all end with an answer or a message, and the same seed mutates alike."""
+    study = [
+        str(scenes.ROOT / "scripts" / "study"),
+        "mutated_files",
+        "--count",
+        "40",
+        "--seed",
+        "3",
+    ]
+    done = subprocess.run(
+        study,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=scenes.LIMIT,
+        env=scenes.clean_environment() | {"DDMPI_PYTHON": sys.executable},
+    )
+    assert done.returncode == 0 and "| all | 40 |" in done.stdout, done.stdout + done.stderr
+    assert "0 with a traceback or signal" in done.stdout
