@@ -28,9 +28,9 @@ from true_errors import against_form, against_mesh, clustered, grid, ring_stress
 import ddmpi
 from ddmpi.run.answer import Answer
 
-FINE = {"blocks": 64, "tower": 32, "pad": 32, "boxes": 10, "ball": 10}
+FINE = {"blocks": 64, "tower": 32, "pad": 32, "boxes": 10}
 """Cells of the reference meshes, of order 2, across a body, and in the plane also between two places along it where
-stresses have no limit; elements on the radius of contact."""
+stresses have no limit."""
 
 ENDS = {
     "blocks": {"upper": ((0, 3), (1, 2)), "lower": ((0, 3), (0, 1))},
@@ -51,8 +51,8 @@ SHORT = 0.5
 LOOSEST = 1e-3
 """Looser tolerances are shown, but not recommended."""
 
-FIT = 6e-7
-"""Interference of rings and tubes (m)."""
+FIT = {"rings": 6e-7, "tubes": 6e-5}
+"""Interference of rings and tubes (m). Lamé's form holds to its ratio to the radius."""
 
 
 class Case(NamedTuple):
@@ -124,7 +124,7 @@ ERRORS = {
     "boxes": BLOCKS,
     "tower": {"one": "energy norm"},
     "pad": {"one": "energy norm"},
-    "ball": {"one": "greatest pressure", "two": "radius of contact", "three": "energy norm"},
+    "ball": {"one": "greatest pressure", "two": "radius of contact"},
     "tubes": RINGS,
     "history": {"one": "tangential force at the end", "two": "dissipated energy"},
 }
@@ -184,7 +184,7 @@ def make_scene(case: Case, folder: Path) -> dict:
 
         return {
             "body": [
-                wall("inner", (0.3, 0.6 + FIT), 0.3 / case.N),
+                wall("inner", (0.3, 0.6 + FIT[case.scene]), 0.3 / case.N),
                 wall("outer", (0.6, 0.9), 0.24 / case.N),
             ],
             "contact": [contact("inner", "outer", "outer", "inner")],
@@ -223,8 +223,6 @@ def make_scene(case: Case, folder: Path) -> dict:
 
 def reference(scene: str, n: int, folder: Path) -> dict:
     """A scene on its reference mesh with n cells as of `FINE`."""
-    if scene == "ball":
-        return make_scene(Case("ball", n, 2, shape="curved"), folder)
     made = make_scene(Case(scene, 2, 2, "mortar" if scene in ("blocks", "boxes") else NONE), folder)
     for each in made["body"]:
         if scene == "boxes":  # finest at the clamp and at the edges
@@ -322,12 +320,11 @@ class Trade:
         values, _ = hertz_values(
             answer.contacts["ball-floor"], 4, 1.0 / (1.0 - 0.09), 1.0, (1.0, 1.0)
         )
-        off = [relative(computed, exact) for computed, exact, _ in values.values()]
-        return [*off, *self.of_stress(answer, scene)]
+        return [relative(computed, exact) for computed, exact, _ in values.values()]
 
     def of_rings(self, answer: Answer, scene: str) -> list[float]:
         exact, state = (
-            lame_fit(0.3, 0.6, 0.9, FIT, plane_strain(2e11, 0.3)),
+            lame_fit(0.3, 0.6, 0.9, FIT[scene], plane_strain(2e11, 0.3)),
             answer.contacts["inner-outer"],
         )
         stresses = {

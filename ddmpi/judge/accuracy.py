@@ -145,6 +145,8 @@ class MeshLadder:
 
     def __init__(self, scene: Settled) -> None:
         self.scene, self.levels, self.missed = scene, list[Level](), ""
+        if scene.aimed:
+            log.info("%s", scene.aimed)
         self.refinement: float = 1
         self.sizes, self._former = dict[str, Sizes](), dict[str, Sizes]()
         self._scale = self._rate = 0.0

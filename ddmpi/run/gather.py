@@ -234,12 +234,8 @@ def gather_summary(
     warnings, free : of the scene and of the answer; motions that no contact resists
     started : as for `provenance`
     """
-    world, scene, outer, team = (
-        assembly.world,
-        assembly.scene,
-        solution.outer,
-        team_of(assembly.world),
-    )
+    world, scene, outer = assembly.world, assembly.scene, solution.outer
+    team = team_of(world)
     ranks = team.ranks if team else [world.rank]
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
     factors = scene.factors(1.0 if solution.time is None else scene.drawn(solution.time, steps.run))
@@ -268,7 +264,7 @@ def gather_summary(
             hosts,
         )
     )
-    quadratic = world.allreduce(sum(_with_middles(body) for body in assembly.bodies))
+    quadratic = _quadratic_unknowns(assembly, error)
     if of_ranks is None:
         return {}
     bodies_of_ranks, unused, inner, sent, named = zip(*of_ranks, strict=True)
@@ -287,9 +283,7 @@ def gather_summary(
         "steps": steps.steps,
         "discretization_error": {
             "energy_norm": error.relative,
-            "quadratic_n": round(quadratic)
-            if error.relative > COARSE and scene.body[0].mesh.order == 1
-            else None,
+            "quadratic_n": quadratic,
             "target": scene.method.target_error,
             "levels": [level._asdict() for level in ladder.levels],
         },
@@ -307,6 +301,13 @@ def gather_summary(
         run["cycles"] = {"run": steps.run, "change": steps.change}
     summary = summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate)
     return summary | {"steps": steps.told} | provenance(started, hosts)
+
+
+def _quadratic_unknowns(assembly: Assembly, error: DiscretizationError) -> int | None:
+    """About how many unknowns quadratic elements have on the same cells, where linear ones have a large error. Collective."""
+    number = assembly.world.allreduce(sum(map(_with_middles, assembly.bodies)))
+    wanted = error.relative > COARSE and assembly.scene.body[0].mesh.order == 1
+    return round(number) if wanted else None
 
 
 def _with_middles(body: Body) -> float:

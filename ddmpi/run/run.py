@@ -162,8 +162,6 @@ def compute(
         with checkpoints.kept():
             if ladder.levels:
                 log.info("continuing with %s", ladder.meshes)
-            elif scene.aimed:
-                log.info("%s", scene.aimed)
             while solved is None:
                 try:
                     solved = attempt()

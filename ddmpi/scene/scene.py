@@ -340,12 +340,9 @@ class Scene(Table, frozen=True, kw_only=True):
                 "estimates of their error cannot be trusted, and no method.target_error can be met; leave "
                 "mesh.order out or set it to 2"
             )
-        order = named or (2 if locking else PRESETS.get(method.preset or "", {}).get("order"))
-        bodies, aimed = self.body, ""
-        if method.target_error and not (named or PRESETS.get(method.preset or "", {}).get("order")):
-            order, (bodies, aimed) = 2, _halved(self.body)
-        if not order:
-            order = self._order_of_files(file_kind) if file_kind else 1
+        preset = PRESETS.get(method.preset or "", {}).get("order")
+        order, bodies, aimed = self._order(named or preset, method.target_error, file_kind)
+        order = 2 if locking else order
         bonded = {contact.bodies[1] for contact in self.contact if contact.kind == "bonded"}
         scene = settle(
             self,
@@ -486,8 +483,19 @@ class Scene(Table, frozen=True, kw_only=True):
                     ),
                 )
 
-    def _order_of_files(self, file_kind: FileKind) -> int:
-        """The order that all mesh files have; 1 if there are none. Raises ValueError if they differ."""
+    def _order(
+        self, chosen: int | None, target: float | None, file_kind: FileKind | None
+    ) -> tuple[int, list[BodySpec], str]:
+        """The order that is `chosen`, else 2 for a `target`, else that of the files; and the bodies, with what the target
+        has changed in words."""
+        if chosen or not target:
+            return chosen or self._order_of_files(file_kind), self.body, ""
+        return 2, *_halved(self.body)
+
+    def _order_of_files(self, file_kind: FileKind | None) -> int:
+        """The order that all mesh files have; 1 if there are none, or none can be read. Raises ValueError if they differ."""
+        if not file_kind:
+            return 1
         orders = {
             f"body.{body.name}.mesh.file = {body.mesh.file}": file_kind(body)[1]
             for body in self.body

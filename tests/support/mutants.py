@@ -851,8 +851,8 @@ MUTANTS = [
         (
             "a target leaves elements linear",
             "scene/scene",
-            "order, (bodies, aimed) = (2, _halved(self.body))",
-            "bodies, aimed = _halved(self.body)",
+            "return (2, *_halved(self.body))",
+            "return (1, *_halved(self.body))",
             "judge/test_accuracy.py::test_a_target_makes_elements_quadratic_unless_their_order_is_named",
         ),
         (
