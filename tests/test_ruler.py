@@ -72,8 +72,6 @@ LONG = {
     "decks/acting:Acts.heat": 66,
     "decks/deck:Deck._take": 72,
     "decks/deck:Deck.mesh": 67,
-    "derive/entries:entries_of": 62,
-    "interface/matching:face_rigid": 62,
     "mesh/read:read_mesh": 63,
     "results/histories:at_step": 105,
     "run/gather:_write_steps": 64,
