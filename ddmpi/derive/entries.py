@@ -72,46 +72,28 @@ def entries_of(
             for body, forces in zip(assembly.bodies, parts[k], strict=True):
                 # the derivative of a displacement is the displacement under the derivatives of all forces
                 name, mesh = body.spec.name, body.mesh
-                member = body.member.loaded_by(
-                    cases.get(name) or scaled(body.member.elasticity.acting, 0.0)
-                )
-                du, *_ = member.displacement(
-                    forces, derived["alpha"][k][joint.slices[name]], PURPOSE
-                )
-                held = resultants(
-                    mesh, clamp_forces(mesh, body.spec, member.elasticity, du, member.pull(forces))
-                )
-                bodies[k, name] = Entry(
-                    reaction=sum(
-                        (entry["force"] for entry in held.values()), np.zeros(mesh.dimension)
-                    ),
-                    points=Entry(
-                        {point: du[nodes].mean(axis=0) for point, nodes in mesh.vertices.items()}
-                    ),
-                )
+                case = cases.get(name) or scaled(body.member.elasticity.acting, 0.0)
+                member, alpha = body.member.loaded_by(case), derived["alpha"][k]
+                du, *_ = member.displacement(forces, alpha[joint.slices[name]], PURPOSE)
+                held = clamp_forces(mesh, body.spec, member.elasticity, du, member.pull(forces))
+                reactions = [entry["force"] for entry in resultants(mesh, held).values()]
+                points = {point: du[at].mean(axis=0) for point, at in mesh.vertices.items()}
+                reaction = sum(reactions, np.zeros(mesh.dimension))
+                bodies[k, name] = Entry(reaction=reaction, points=Entry(points))
                 here.bodies[name] = Entry(displacement=du)
     contacts, bodies = gathered(assembly.world, contacts), gathered(assembly.world, bodies)
     for k, one in enumerate(parameters):
-        told[one.key] = (
-            None
-            if derived["residual"][k] > ENOUGH
-            else Entry(
-                until=one.value + derived["until"][k],
-                contacts=Entry(
-                    {contact.name: contacts.get((k, contact.name)) for contact in scene.contact}
-                ),
-                bodies=Entry({body.name: bodies.get((k, body.name)) for body in scene.body}),
-                rigid=_partners(
-                    scene,
-                    {name: entry for (number, name), entry in contacts.items() if number == k},
-                    {
-                        each.name: each.shift(derived["alpha"][k][joint.slices[each.name]])
-                        for each in joint.driven
-                    },
-                    one.moved,
-                    factors[one.history],
-                ),
-            )
+        told[one.key] = None
+        if derived["residual"][k] > ENOUGH:
+            continue
+        alpha = derived["alpha"][k]
+        own = {name: entry for (number, name), entry in contacts.items() if number == k}
+        shifts = {each.name: each.shift(alpha[joint.slices[each.name]]) for each in joint.driven}
+        told[one.key] = Entry(
+            until=one.value + derived["until"][k],
+            contacts=Entry({contact.name: own.get(contact.name) for contact in scene.contact}),
+            bodies=Entry({body.name: bodies.get((k, body.name)) for body in scene.body}),
+            rigid=_partners(scene, own, shifts, one.moved, factors[one.history]),
         )
     return told, arrays
 

@@ -118,9 +118,8 @@ def face_rigid(
     outward, measured = rigid.facing(side.xy)
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.normal)
     # middles of straight quadratic sides lie h²/8R inside the arc, so the gap is that of the arc over the chord
-    measured = without_rounding(
-        measured - side.rise(np.arange(len(measured)), -outward), side.spacing
-    )
+    rise = side.rise(np.arange(len(measured)), -outward)
+    measured = without_rounding(measured - rise, side.spacing)
     towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
     facing = np.unique(side.facets[towards])
     if len(facing) == 0:
@@ -133,31 +132,27 @@ def face_rigid(
     clamps[:, slice(None) if rigid.turning else rigid.pushed] = -1
     # A second side stands for the partner, with a node opposite to each of the body's. Its compliance is zero (modulus
     # ∞), and all directions are clamped but those in which it is pushed; none if it turns.
-    partner = replace(
+    both = (
         side,
-        body=rigid.name,
-        modulus=np.inf,
-        xy=side.xy - measured[:, None] * outward,
-        normal=outward,
-        clamps=clamps,
-        free=(clamps < 0)[:, :, None] * np.eye(side.dimension),
+        replace(
+            side,
+            body=rigid.name,
+            modulus=np.inf,
+            xy=side.xy - measured[:, None] * outward,
+            normal=outward,
+            clamps=clamps,
+            free=(clamps < 0)[:, :, None] * np.eye(side.dimension),
+        ),
     )
     if not side.cell.bears:
         over, looked = (
             _over_rigid(side, rigid, np.flatnonzero(towards), *rule)
             for rule in (side.cell.rule, (side.cell.nodes, np.zeros(len(side.cell.nodes))))
         )
-        rows = rows_at_vertices((side, partner), 0, over, looked, contact)
+        rows = rows_at_vertices(both, 0, over, looked, contact)
     else:
-        rows = pairs(
-            (side, partner),
-            facing,
-            facing,
-            -outward[facing],
-            side.lengths_over(towards)[facing],
-            measured[facing],
-            towards,
-        )
+        normal, lengths = -outward[facing], side.lengths_over(towards)[facing]
+        rows = pairs(both, facing, facing, normal, lengths, measured[facing], towards)
     interface = build(rows, contact, moved)
     # drop the nodes of this side, which belong to no body
     U, none = np.array(rigid.displacement or np.zeros(side.dimension)), np.empty(0, int)

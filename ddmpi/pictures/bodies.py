@@ -277,7 +277,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     shown = [COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
     steps = partial(load_steps, results, folder, int(ANIMATION["frames"]))
     seen = partial(steps, () if what in ("pressure", "displacement") else shown)
-    (least, top), (quantity, unit), largest = _extremes(results, seen(), what, pressing, skin)
+    largest, least, top, (quantity, unit) = _extremes(results, seen(), what, pressing, skin)
     factor, shift, shifts = *magnify(results, largest), dict[str, np.ndarray]()
     if pressing:
         view, nowhere = View(results.points, output), np.zeros(results.dimension)
@@ -322,27 +322,23 @@ def animate(results: Results, folder: Path, title: str) -> Path:
 
 def _extremes(
     results: Results, steps: Iterable[Any], what: str | bool, pressing: Sequence[str], skin: Skin
-) -> tuple[tuple[float, float], tuple[str, str], float]:
-    """The ends of the colours over all load steps, in SI units, what they stand for and its unit; and the largest
-    displacement (m)."""
+) -> tuple[float, float, float, list[str]]:
+    """The largest displacement (m), the ends of the colours in SI units, of all load steps; what these stand for and
+    the unit in which it is shown."""
     largest = least = top = 0.0
-    areas, unit_of_stress = (
-        skin.areas(results.points),
-        results.summary["scene"]["output"]["stress_unit"],
-    )
+    areas = skin.areas(results.points)
     for _, fields, surfaces in steps:
         largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
         if pressing:
-            words = "pressure", unit_of_stress
+            words = ["pressure", results.summary["scene"]["output"]["stress_unit"]]
             pressures = [np.nan_to_num(surfaces[name]["pressure"]) for name in pressing]
             values = np.concatenate([np.zeros(1), *pressures])
             ends = 0.0, limits(values, values > 0.0, PRESSED)[1]
         else:
-            values, *told = coloured(results, fields, what)
-            words = told[0], told[1]
+            values, *words = coloured(results, fields, what)
             ends = limits(skin.extended(values), areas, BRIGHTEST)
         least, top = min(least, ends[0]), max(top, ends[1])
-    return (least, top), words, largest
+    return largest, least, top, words
 
 
 def _draw_pressures(
@@ -362,12 +358,10 @@ def _draw_pressures(
         return
     sheet.meet(rigid_parts(results, 0.0, time))
     sheet.show([body])
-    sides = [results.surfaces[name] for name in pressing]
-    lines = [
-        (side["points"][:, :2], side["cells"], np.nan_to_num(side["pressure"]) / scale)
-        for side in sides
-    ]
-    sheet.facets(lines, image)
+    for name in pressing:
+        side = results.surfaces[name]
+        values = np.nan_to_num(side["pressure"]) / scale
+        sheet.facets([(side["points"][:, :2], side["cells"], values)], image)
 
 
 def _write_frames(path: Path, frames: Sequence[Any]) -> Path:

@@ -21,7 +21,7 @@ from ddmpi.pictures.sheet import limits
 from ddmpi.pictures.views import Skin, View, sharp_edges
 from ddmpi.results.fields import owners
 from ddmpi.results.histories import at_step, load_steps, placed
-from ddmpi.results.tables import Results, read_results, reading
+from ddmpi.results.tables import Columns, Results, read_results, reading
 from ddmpi.system.files import MECHANISM, write_page
 from ddmpi.system.numbers import scaled_unit
 
@@ -59,10 +59,8 @@ class Arrays:
         values, ends = np.asarray(values).ravel(), {}
         if values.dtype.kind == "f":
             low, high = float(values.min(initial=0.0)), float(values.max(initial=0.0))
-            values, ends = (
-                np.round((values - low) * (65535.0 / ((high - low) or 1.0))),
-                {"low": low, "high": high},
-            )
+            values = np.round((values - low) * (65535.0 / ((high - low) or 1.0)))
+            ends = {"low": low, "high": high}
         width = 2 if ends else 1 if values.max(initial=0) < 256 else 4
         block = values.astype(f"<u{width}").tobytes()
         self.places[name] = {"at": self._size, "size": len(values), "type": f"u{width}"} | ends
@@ -97,134 +95,163 @@ def _page(results: Results, folder: Path) -> str:
             f"{folder}: an earlier version of ddmpi wrote these results, without the surfaces of contacts "
             "that a view shows; run the scene again"
         )
-    output, d = results.summary["scene"]["output"], results.dimension
-    turned = results.axisymmetric  # the page turns the section around y
-    view = View(
-        results.points, {key: output[key] for key in ("view",) if output.get(key) and d > 2}
+    scene = Scenery(results)
+    most = max(1, int(MOST_NUMBERS / (5 * len(scene.nodes))))
+    shown = "von_mises", "nodal_von_mises"
+    for k, (time, fields, surfaces) in enumerate(load_steps(results, folder, most, shown)):
+        scene.put(k, time, fields, surfaces)
+    return string.Template(view_template()).substitute(
+        version=__version__,
+        title=escape(results.summary["title"] or ", ".join(results.summary["bodies"])),
+        head=json.dumps(scene.head()).replace("<", "\\u003c"),
+        data=scene.arrays.packed(),
     )
-    skin, owner = Skin(view, results.points, results.fields["cells"]), owners(results)
-    facets, areas = skin.facets, skin.areas(results.points)
-    # solids keep the nodes inside, too, for cuts, unless there are too many
-    cells = (
-        results.fields["cells"][:, :4]
-        if d > 2 and len(results.fields["cells"]) <= MOST_CELLS
-        else facets[:0]
-    )
-    nodes = np.unique(np.concatenate([facets.ravel(), cells.ravel()]))
-    number = np.zeros(len(owner), int)
-    number[nodes] = np.arange(len(nodes))
-    arrays, points = Arrays(), np.pad(results.points, ((0, 0), (0, 3 - d)))
-    shifts = apart(results, view) if d > 2 else {}
-    # A node is drawn at x + (F − 1) s + F u, with `magnify`: as x − s moved by F (u + s), whatever F is.
-    scale, shift = magnify(results)
-    s = np.pad(shift / (scale - 1.0) if scale > 1.0 else 0.0 * shift, ((0, 0), (0, 3 - d)))
-    arrays.put("points", (points - s)[nodes])
-    arrays.put("facets", number[facets])
-    arrays.put("edges", number[sharp_edges(points, facets)])
-    arrays.put("cells", number[cells])
-    arrays.put("owner", owner[nodes])
-    far = bool(results.frames)  # contacts then have other surfaces in each step
 
-    def paint(results: Results, points: np.ndarray, step: int | str = "") -> dict[str, Any]:
-        painted = _painted(results, points, owner)
-        painted["surface"] -= s[painted["nearest"]]
-        for name in "surface", "above", "painted", "bearer", *(("rims",) if turned else ()):
-            arrays.put(f"{name}{step}", painted[name])
+
+class Scenery:
+    """What a view shows, as arrays: the bodies, and step by step their contacts and fields.
+
+    A node is drawn at x + (F − 1) s + F u, with `magnify`: as x − s moved by F (u + s), whatever F is.
+
+    Attributes
+    ----------
+    arrays : all numbers
+    nodes : (k,) those of the bodies that are shown
+    low, high : (3,) corners of the box of all that is shown (m)
+    times, tops, marks : of the load steps; ends of colours by field; by field and step the largest value and its place
+    """
+
+    def __init__(self, results: Results) -> None:
+        d, output = results.dimension, results.summary["scene"]["output"]
+        asked = {"view": output["view"]} if d > 2 and output.get("view") else {}
+        self._results, self._view = results, View(results.points, asked)
+        skin, self._owner = (
+            Skin(self._view, results.points, results.fields["cells"]),
+            owners(results),
+        )
+        self._areas = skin.areas(results.points)
+        # solids keep the nodes inside, too, for cuts, unless there are too many
+        cells = results.fields["cells"][:, :4]
+        if d < 3 or len(cells) > MOST_CELLS:
+            cells = skin.facets[:0]
+        self.nodes = np.unique(np.concatenate([skin.facets.ravel(), cells.ravel()]))
+        self._number = np.zeros(len(self._owner), int)
+        self._number[self.nodes] = np.arange(len(self.nodes))
+        self._scale, shift = magnify(results)
+        self._s = _in_space(shift / (self._scale - 1.0) if self._scale > 1.0 else 0.0 * shift)
+        self.arrays, points = Arrays(), _in_space(results.points)
+        self.arrays.put("points", (points - self._s)[self.nodes])
+        self.arrays.put("facets", self._number[skin.facets])
+        self.arrays.put("edges", self._number[sharp_edges(points, skin.facets)])
+        self.arrays.put("cells", self._number[cells])
+        self.arrays.put("owner", self._owner[self.nodes])
+        self._painted = self._paint(results, points)
+        self.low, self.high = points[self.nodes].min(axis=0), points[self.nodes].max(axis=0)
+        self.times, self.tops = list[float](), dict.fromkeys(TITLES, 0.0)
+        self.marks = {name: list[tuple[float, int]]() for name in TITLES}
+
+    def _paint(self, results: Results, points: np.ndarray, step: int | str = "") -> dict[str, Any]:
+        """Put the surfaces of contacts of bodies with these `points` (nv, 3)."""
+        painted = _painted(results, points, self._owner)
+        painted["surface"] -= self._s[painted["nearest"]]
+        for name in "surface", "above", "painted", "bearer", *["rims"] * results.axisymmetric:
+            self.arrays.put(f"{name}{step}", painted[name])
         return painted
 
-    painted = paint(results, points)
-    low, high = points[nodes].min(axis=0), points[nodes].max(axis=0)
-    times, tops, marks = (
-        [],
-        dict.fromkeys(TITLES, 0.0),
-        {name: list[tuple[float, int]]() for name in TITLES},
-    )
-    seen = load_steps(
-        results,
-        folder,
-        max(1, int(MOST_NUMBERS / (5 * len(nodes)))),
-        ("von_mises", "nodal_von_mises"),
-    )
-    for k, (time, fields, surfaces) in enumerate(seen):
-        u = np.pad(fields["displacement"][:, :d], ((0, 0), (0, 3 - d))) + s
-        if far:
-            at = (fields["points"] - s)[nodes]
-            low, high = np.minimum(low, at.min(axis=0)), np.maximum(high, at.max(axis=0))
-            arrays.put(f"at{k}", at)
-            painted = paint(replace(results, surfaces=surfaces), fields["points"], k)
-        values = {"displacement": np.linalg.norm(u - s, axis=1)[nodes]}
-        if len(painted["painted"]) or (far and surfaces):  # steps without contact, too
-            values["pressure"] = np.concatenate(
-                [np.nan_to_num(surfaces[name]["pressure"])[rows] for name, rows in painted["rows"]]
-            )
+    def put(self, k: int, time: float, fields: Columns, surfaces: dict[str, Columns]) -> None:
+        """Put the k-th load step."""
+        results, nodes = self._results, self.nodes
+        u = _in_space(fields["displacement"][:, : results.dimension]) + self._s
+        if results.frames:  # contacts then have other surfaces in each step
+            at = (fields["points"] - self._s)[nodes]
+            self.low = np.minimum(self.low, at.min(axis=0))
+            self.high = np.maximum(self.high, at.max(axis=0))
+            self.arrays.put(f"at{k}", at)
+            self._painted = self._paint(replace(results, surfaces=surfaces), fields["points"], k)
+        values = {"displacement": np.linalg.norm(u - self._s, axis=1)[nodes]}
+        if len(self._painted["painted"]) or (
+            results.frames and surfaces
+        ):  # steps without contact, too
+            pressures = [
+                np.nan_to_num(surfaces[name]["pressure"])[rows]
+                for name, rows in self._painted["rows"]
+            ]
+            values["pressure"] = np.concatenate(pressures)
         if "nodal_von_mises" in fields:
             values["von_mises"] = fields["nodal_von_mises"][nodes]
-        times.append(time)
-        arrays.put(f"moved{k}", u[nodes])
-        arrays.put(f"lifted{k}", u[painted["nearest"]])
+        self.times.append(time)
+        self.arrays.put(f"moved{k}", u[nodes])
+        self.arrays.put(f"lifted{k}", u[self._painted["nearest"]])
         for name, value in values.items():
-            arrays.put(f"{name}{k}", np.maximum(value, 0.0))
-            some = value > 0.0 if name == "pressure" else areas[nodes] > 0.0
-            share = np.ones(some.sum()) if name == "pressure" else areas[nodes][some]
-            tops[name] = max(
-                tops[name], limits(value[some], share, BRIGHTEST)[1] if some.any() else 0.0
-            )
-            marks[name].append(
-                (float(value.max(initial=0.0)), int(value.argmax()) if len(value) else 0)
-            )
+            self.arrays.put(f"{name}{k}", np.maximum(value, 0.0))
+            share = self._areas[nodes] if name != "pressure" else 1.0 * (value > 0.0)
+            some = share > 0.0
+            if some.any():
+                bright = limits(value[some], share[some], BRIGHTEST)[1]
+                self.tops[name] = max(self.tops[name], bright)
+            place = int(value.argmax()) if len(value) else 0
+            self.marks[name].append((float(value.max(initial=0.0)), place))
         if "nodal_von_mises" in fields:  # that of a cell, as in the summary: nodes extrapolate it
             most, node = largest_of(results.fields | fields)
-            marks["von_mises"][-1] = most, int(number[node])
-    shown = []
-    for name, (title, quantity) in TITLES.items() if times else ():
-        if marks[name]:
-            factor, words = scaled_unit(
-                max(most for most, _ in marks[name]), output[f"{quantity}_unit"]
-            )
-            for k in range(len(times)):
-                arrays.places[f"{name}{k}"]["high"] /= factor
+            self.marks["von_mises"][-1] = most, int(self._number[node])
+
+    def _fields(self) -> list[dict[str, Any]]:
+        """What colours can stand for; their arrays change to the units that are shown."""
+        shown = []
+        output = self._results.summary["scene"]["output"]
+        for name, (title, quantity) in TITLES.items():
+            if not self.marks[name]:
+                continue
+            largest = max(most for most, _ in self.marks[name])
+            factor, words = scaled_unit(largest, output[f"{quantity}_unit"])
+            for k in range(len(self.times)):
+                self.arrays.places[f"{name}{k}"]["high"] /= factor
+            pressure = name == "pressure"
             shown.append(
                 {
                     "name": name,
                     "title": title,
                     "unit": words,
-                    "painted": name == "pressure",
-                    "colours": COLOURS["pressure" if name == "pressure" else "stress"],
+                    "painted": pressure,
+                    "colours": COLOURS["pressure" if pressure else "stress"],
                     "low": 0.0,
-                    "high": tops[name] / factor or 1.0,
-                    "marks": [(most / factor, k) for most, k in marks[name]],
+                    "high": self.tops[name] / factor or 1.0,
+                    "marks": [(most / factor, k) for most, k in self.marks[name]],
                 }
             )
-    if turned:  # all around
-        low[[0, 2]], high[[0, 2]] = -high[0], high[0]
-    eye = (
-        np.array([0.43, -0.75, 0.5]) if turned else view.axes[2]
-    )  # into the quarter that is left out
-    head = {
-        "fields": shown,
-        "times": times,
-        "timed": results.time is not None,
-        "flat": d < 3 and not turned,
-        "turned": turned,
-        "cut": next(
-            ([axis, at] for axis, at in (output.get("cut") or {}).items() if at is not None), None
-        ),
-        "scale": scale,
-        "low": low.tolist(),
-        "high": high.tolist(),
-        "arrays": arrays.places,
-        "view": np.degrees(
-            [np.arctan2(eye[1], eye[0]), np.arcsin(np.clip(eye[2], -1.0, 1.0))]
-        ).tolist(),
-        "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in results.parts],
-    }
-    template = string.Template(view_template())
-    return template.substitute(
-        version=__version__,
-        title=escape(results.summary["title"] or ", ".join(results.summary["bodies"])),
-        head=json.dumps(head).replace("<", "\\u003c"),
-        data=arrays.packed(),
-    )
+        return shown
+
+    def head(self) -> dict[str, Any]:
+        """All but the arrays themselves, as the page reads it. To be called once, after the last step."""
+        results, low, high = self._results, self.low, self.high
+        turned = results.axisymmetric  # the page turns the section around y
+        eye = self._view.axes[2]
+        if turned:  # all around; seen into the quarter that is left out
+            low[[0, 2]], high[[0, 2]] = -high[0], high[0]
+            eye = np.array([0.43, -0.75, 0.5])
+        cuts = (results.summary["scene"]["output"].get("cut") or {}).items()
+        shifts = apart(results, self._view) if self._view.solid else {}
+        return {
+            "fields": self._fields(),
+            "times": self.times,
+            "timed": results.time is not None,
+            "flat": not (self._view.solid or turned),
+            "turned": turned,
+            "cut": next(([axis, at] for axis, at in cuts if at is not None), None),
+            "scale": self._scale,
+            "low": low.tolist(),
+            "high": high.tolist(),
+            "arrays": self.arrays.places,
+            "view": np.degrees(
+                [np.arctan2(eye[1], eye[0]), np.arcsin(np.clip(eye[2], -1.0, 1.0))]
+            ).tolist(),
+            "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in results.parts],
+        }
+
+
+def _in_space(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (k, 3) of those in the plane or in space (k, d)."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[str, Any]:

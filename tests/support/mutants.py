@@ -2230,8 +2230,8 @@ MUTANTS = [
         (
             "gaps are not magnified in views",
             "pictures/browser",
-            "(0, 3 - d))) + s\n",
-            "(0, 3 - d)))\n",
+            "results.dimension]) + self._s",
+            "results.dimension])",
             "pictures/test_browser.py::test_a_view_closes_gaps_as_pictures_do",
         ),
         (
