@@ -183,7 +183,12 @@ def run(contacts: Mapping[str, ContactState], energy_norm: float = 0.07, **chang
         "inner_iterations": 70,
         "certificate_limit": 5e-7,
         "exchange": {"messages": 30, "bytes": 4000},
-        "discretization_error": {"energy_norm": energy_norm, "target": None, "levels": []},
+        "discretization_error": {
+            "energy_norm": energy_norm,
+            "quadratic_n": None,
+            "target": None,
+            "levels": [],
+        },
         "steps": steps,
         "solvers": {"qp": "none"},
         "options": {},
