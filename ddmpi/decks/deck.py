@@ -336,9 +336,13 @@ class Deck:
             [],
         )
         for kind, entries, _ in blocks:
-            lost = np.setdiff1d(entries[:, 1:], numbers)
-            if len(lost):
-                raise DeckError(f"an element has node {lost[0] % STRIDE}, which is not there")
+            lost = ~np.isin(entries[:, 1:], numbers)
+            if lost.any():
+                k, j = np.argwhere(lost)[0]
+                node = entries[k, 1 + j] - STRIDE * round(entries[k, 1 + j] / STRIDE)
+                raise DeckError(
+                    f"the element {entries[k, 0] % STRIDE} has node {node}, which is not there"
+                )
             cells.append((kind, np.searchsorted(numbers, entries[:, 1:])))
         # by name, then by the number of the cells: which of them a set has
         groups, node_sets = (
