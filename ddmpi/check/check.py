@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.body.compliance import bytes_in_words, memory_of_factors
+from ddmpi.body.compliance import bytes_in_words, memory_of_factors, memory_of_multigrid
 from ddmpi.body.loads import VOLUME, loads_by_group
 from ddmpi.check.drawing import Looked, draw
 from ddmpi.check.nearby import Boundary, Missing, find_missing
@@ -174,12 +174,13 @@ def _look(body: Body, unit: str) -> Looked:
     words.append(
         f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})"
     )
-    dense, memory = member.kind == "explicit", 0.0
-    if member.kind != "iterative":
-        memory = (
-            memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense)
-            + dense * 8.0 * member.size**2
-        )
+    dense = member.kind == "explicit"
+    memory = (
+        memory_of_multigrid(member.elasticity.A)
+        if member.kind == "iterative"
+        else memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense)
+        + dense * 8.0 * member.size**2
+    )
     return Looked(
         mesh,
         boundary,
@@ -260,7 +261,7 @@ def _page(
     unit = scene.units
     yield (
         f"{assembly.n} unknowns ({CELLS[scene.dimension, scene.body[0].mesh.order].title}), {assembly.m} "
-        f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
+        f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; solvers take about "
         f"{bytes_in_words(sum(body.memory for body in bodies.values()))}"
     )
     yield describe_method(scene.method, scene.dimension)
