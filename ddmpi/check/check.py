@@ -33,6 +33,7 @@ from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
+from ddmpi.surface.seams import surfaces
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.numbers import ALIKE, in_words, moment
 from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
@@ -146,7 +147,7 @@ def _look(body: Body, unit: str) -> Looked:
     size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
     named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
     words = [
-        f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
+        f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}{_pieces(mesh)}; "
         f"groups {', '.join(named) or 'by number'}"
     ]
     words += list(_describe_faces(mesh, boundary, unit))
@@ -190,6 +191,12 @@ def _look(body: Body, unit: str) -> Looked:
         words,
         doubt,
     )
+
+
+def _pieces(mesh: Mesh) -> str:
+    """That a body has several pieces, in words; empty if it is connected."""
+    number = len(np.unique(surfaces(mesh.corners, len(mesh.points))))
+    return f", in {number} pieces that are not connected" * (number > 1)
 
 
 def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:

@@ -73,7 +73,7 @@ def find_seam(mesh: Mesh, groups: Collection[str] = (), name: str = "") -> Seam 
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     sides = np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=2)
     close, room = SAME * sides.min(axis=1), _sagittas(mesh, facets, ends, normal)
-    surface = _surfaces(facets, len(mesh.points)) if room.any() else np.zeros(len(facets), int)
+    surface = surfaces(facets, len(mesh.points)) if room.any() else np.zeros(len(facets), int)
     shares = np.vstack(
         [np.full(d, 1.0 / d), np.eye(d) * INNER + (1.0 - np.eye(d)) * (1.0 - INNER) / (d - 1)]
     )
@@ -161,8 +161,9 @@ def _sagittas(mesh: Mesh, facets: np.ndarray, ends: np.ndarray, normal: np.ndarr
     return np.where(off > SAME * np.linalg.norm(along, axis=2).max(axis=1), off, 0.0)
 
 
-def _surfaces(facets: np.ndarray, size: int) -> np.ndarray:
-    """(f,) the number of the closed surface that each facet (f, d) belongs to."""
+def surfaces(facets: np.ndarray, size: int) -> np.ndarray:
+    """(f,) the number of the connected surface that each facet (f, d) belongs to, or piece, of cells (f, d + 1), with
+    nodes below `size`."""
     i, j = facets[:, :-1].ravel(), facets[:, 1:].ravel()
     links = sparse.coo_matrix((np.ones(len(i)), (i, j)), (size, size))
     return csgraph.connected_components(links, directed=False)[1][facets[:, 0]]

@@ -73,6 +73,7 @@ def everywhere(at: np.ndarray) -> np.ndarray:
     return np.ones(len(at), bool)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_seam_and_what_passes_through_it_are_told(tmp_path, order):
     """By check and by run, with the number of nodes; the overlap is of the size of the displacement."""
@@ -98,6 +99,10 @@ def test_a_loose_piece_is_told_with_the_seam(tmp_path):
     said = call("check", str(write_scene(scene, tmp_path / "scene.toml")), "--no-figures")
     assert said.code == 2 and "it has 2 that are not connected" in said.stderr
     assert "9 nodes lie in one place with another and not merged" in said.stderr
+    scene["body"][0]["clamp"].append({"on": "top", "x": 0.0, "y": 0.0})
+    del scene["contact"], scene["rigid"]
+    said = call("check", str(write_scene(scene, tmp_path / "scene.toml")), "--no-figures")
+    assert "in 2 pieces that are not connected" in said.stdout and said.code == 0
 
 
 def test_a_hinge_is_told_by_name(tmp_path):
@@ -112,6 +117,7 @@ def test_a_hinge_is_told_by_name(tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", ["step", "brep"])
 def test_drawings_without_bodies_are_refused(tmp_path, suffix):
     """Files that are empty, or have points, wires and faces in space alone, when a scene is drafted from them."""

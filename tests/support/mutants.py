@@ -211,8 +211,8 @@ MUTANTS = [
         (
             "a run of elements ends one too early",
             "mesh/nodes",
-            "(window, left, at) = (2 * run + WINDOW, left - run, at + run * step)",
-            "(window, left, at) = (2 * run + WINDOW, left - run, at + (run + 1) * step)",
+            "window, left, at = (2 * run + WINDOW, left - run, at + run * step)",
+            "window, left, at = (2 * run + WINDOW, left - run, at + (run + 1) * step)",
             "mesh/test_lost_nodes.py::test_lost_nodes_of_a_large_file_are_found",
         ),
         (
@@ -290,7 +290,7 @@ MUTANTS = [
             "body/hinges",
             "sign * products)",
             "0.0 * sign * products)",
-            "mesh/test_seams.py::test_hinges_in_the_plane",
+            "mesh/test_seams.py::test_a_closed_chain_of_hinges_is_rigid_if_it_has_three",
         ),
         (
             "clamps hold no parts",
@@ -304,13 +304,6 @@ MUTANTS = [
             "body/hinges",
             "return rings > len(np.unique(facets))",
             "return rings > 2 * len(np.unique(facets))",
-            "mesh/test_seams.py::test_hinges_in_space",
-        ),
-        (
-            "facets that meet at an edge are not counted",
-            "body/hinges",
-            "if (np.bincount(number) > 2).any():",
-            "if (np.bincount(number) > 9).any():",
             "mesh/test_seams.py::test_hinges_in_space",
         ),
         (
