@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 from petsc4py import PETSc
 from scipy.linalg.blas import dsymv
 
-from ddmpi.body.solver import LEAST, USUAL, StiffnessSolver
+from ddmpi.body.solver import LEAST, REMEMBERED, USUAL, StiffnessSolver
 from ddmpi.petsc.dissection import elimination_order, layers_of
 from ddmpi.petsc.events import event
 from ddmpi.petsc.lanczos import estimate_norm
@@ -25,6 +25,10 @@ n dofs. Only thin bodies exceed it: condensation costs them more than cheap prod
 FACTORS, FACTORS_WITH_SCHUR = (55.0, 250.0), (60.0, 285.0)
 """Bytes of MUMPS's factors, without and with the compliance, per n log₂ n in the plane and per n^(4/3) in space.
 Measured from n = 45,000 on in the plane, within 4 %, and from 35,000 on in space, where it was up to a third less."""
+
+COARSE, VECTORS = 0.5, 10
+"""Entries of multigrid's coarse matrices over those of A, and its vectors beside earlier solutions; in the plane with
+80,400 dofs the estimate is 1.2 times what the process grew by."""
 
 MARGIN = 1.5
 """The free memory must exceed the estimated factors by this factor (quadratic elements have denser rows)."""
@@ -260,6 +264,12 @@ def memory_of_factors(n: int, d: int, condensed: bool) -> float:
     # Nested dissection: factors grow as n log n in the plane and as n^(4/3) in space.
     growth = n ** (4 / 3) if solid else n * np.log2(max(n, 2))
     return (FACTORS_WITH_SCHUR if condensed else FACTORS)[solid] * growth
+
+
+def memory_of_multigrid(A: PETSc.Mat) -> float:
+    """Estimated bytes that multigrid takes beside A: coarse matrices, and vectors of the iteration, which begins with
+    earlier solutions. Not collective."""
+    return COARSE * 12.0 * A.getInfo()["nz_used"] + (REMEMBERED + VECTORS) * 8.0 * A.size[0]
 
 
 def bytes_in_words(size: float) -> str:

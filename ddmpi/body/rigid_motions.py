@@ -15,6 +15,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.linalg import qr
 
+from ddmpi.body.hinges import refuse_hinges
 from ddmpi.body.stiffness import Stiffness
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import RULES
@@ -101,6 +102,7 @@ def body_motions(
     size = float(np.linalg.norm(mesh.points - centre, axis=1).max())
     if pieces == 1:
         left = _left_free(mesh, piece == 0, centre, size, free, springs)
+    refuse_hinges(mesh, name, free, left.shape[1] if left.size else 0, rigid_motions, springs)
     if not left.size:
         return np.empty((*mesh.points.shape, 0))
     return free @ (rigid_motions(mesh.points, centre, size) @ recognisable(left, mesh.dimension))

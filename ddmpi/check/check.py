@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.body.compliance import bytes_in_words, memory_of_factors
+from ddmpi.body.compliance import bytes_in_words, memory_of_factors, memory_of_multigrid
 from ddmpi.body.loads import VOLUME, loads_by_group
 from ddmpi.check.drawing import Looked, draw
 from ddmpi.check.nearby import Boundary, Missing, find_missing
@@ -33,6 +33,7 @@ from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
+from ddmpi.surface.seams import surfaces
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.numbers import ALIKE, in_words, moment
 from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
@@ -146,7 +147,7 @@ def _look(body: Body, unit: str) -> Looked:
     size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
     named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
     words = [
-        f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}; "
+        f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}{_pieces(mesh)}; "
         f"groups {', '.join(named) or 'by number'}"
     ]
     words += list(_describe_faces(mesh, boundary, unit))
@@ -174,12 +175,13 @@ def _look(body: Body, unit: str) -> Looked:
     words.append(
         f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})"
     )
-    dense, memory = member.kind == "explicit", 0.0
-    if member.kind != "iterative":
-        memory = (
-            memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense)
-            + dense * 8.0 * member.size**2
-        )
+    dense = member.kind == "explicit"
+    memory = (
+        memory_of_multigrid(member.elasticity.A)
+        if member.kind == "iterative"
+        else memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense)
+        + dense * 8.0 * member.size**2
+    )
     return Looked(
         mesh,
         boundary,
@@ -189,6 +191,12 @@ def _look(body: Body, unit: str) -> Looked:
         words,
         doubt,
     )
+
+
+def _pieces(mesh: Mesh) -> str:
+    """That a body has several pieces, in words; empty if it is connected."""
+    number = len(np.unique(surfaces(mesh.corners, len(mesh.points))))
+    return f", in {number} pieces that are not connected" * (number > 1)
 
 
 def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:
@@ -260,7 +268,7 @@ def _page(
     unit = scene.units
     yield (
         f"{assembly.n} unknowns ({CELLS[scene.dimension, scene.body[0].mesh.order].title}), {assembly.m} "
-        f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; factors take about "
+        f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; solvers take about "
         f"{bytes_in_words(sum(body.memory for body in bodies.values()))}"
     )
     yield describe_method(scene.method, scene.dimension)

@@ -61,7 +61,7 @@ class Looked:
         tuple[str, np.ndarray]
     ]  # nodal loads (nv, d) by group (N), that of the volume force is VOLUME
     supports: list[tuple[str, np.ndarray]]  # clamps and foundations in words, and their nodes
-    memory: float  # bytes of its factors, none for multigrid; an estimate
+    memory: float  # bytes of its factors or of multigrid, beside its matrix; an estimate
     words: list[str]  # lines of the page
     doubt: str  # a warning of its mesh, or nothing
 

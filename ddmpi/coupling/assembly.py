@@ -38,6 +38,7 @@ from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.motions import frames_of, freed_part
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
+from ddmpi.surface.seams import find_seam
 from ddmpi.surface.side import Side
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, gathered, merged
@@ -261,7 +262,7 @@ def prepare(
         with agreed(world):
             for spec in mine:
                 mesh = meshes[spec.name]
-                elasticity = assemble(mesh, spec, kept)
+                elasticity = _assemble(mesh, spec, at_body[spec.name], kept)
                 bodies[spec.name] = elasticity
                 touching = at_body[spec.name]
                 for contact, side in touching:
@@ -464,6 +465,25 @@ def _mesh(
         depends,
         lambda: build_mesh(spec, folder, contacts, sizes, scene.dimension, scene.axisymmetric),
     )
+
+
+def _assemble(
+    mesh: Mesh, spec: SettledBody, touching: Sequence[tuple[SettledContact, int]], kept: Kept
+) -> Elasticity:
+    """The discrete problem of a body, which warns of a mesh, of a file or a drawing, whose cells are not connected as
+    they look. `touching` are its contacts. Not collective. Raises InputError."""
+    seam = None
+    if not spec.mesh.shape:
+        groups = {contact.on[side] for contact, side in touching}
+        groups |= {acting.on for name, acting in spec.acting if name != "clamp"}
+        depends = kept.key("mesh", spec.name), sorted(groups)
+        seam = kept.get("seam", spec.name, depends, lambda: find_seam(mesh, groups, spec.name))
+    warnings = [seam.words(spec.name)] if seam else []
+    try:
+        elasticity = assemble(mesh, spec, kept)
+    except InputError as error:  # a piece may be loose because of the seam
+        raise InputError("; ".join([str(error), *warnings])) from None
+    return replace(elasticity, warnings=[*warnings, *elasticity.warnings])
 
 
 def _doubts(

@@ -336,9 +336,7 @@ class Deck:
             [],
         )
         for kind, entries, _ in blocks:
-            lost = np.setdiff1d(entries[:, 1:], numbers)
-            if len(lost):
-                raise DeckError(f"an element has node {lost[0] % STRIDE}, which is not there")
+            _refuse_lost(entries, numbers)
             cells.append((kind, np.searchsorted(numbers, entries[:, 1:])))
         # by name, then by the number of the cells: which of them a set has
         groups, node_sets = (
@@ -396,6 +394,15 @@ def _refuse_alike(cards: Iterable[Card]) -> None:
         if card.name_of("NAME") in found:
             raise InputError(card.tells(f"there are two of the name {card.given['NAME']}"))
         found.add(card.name_of("NAME"))
+
+
+def _refuse_lost(entries: np.ndarray, numbers: np.ndarray) -> None:
+    """Raise DeckError where elements (n, 1 + k), by number and nodes, have nodes that are none of these `numbers`."""
+    lost = ~np.isin(entries[:, 1:], numbers)
+    if lost.any():
+        k, j = np.argwhere(lost)[0]
+        node = entries[k, 1 + j] - STRIDE * round(entries[k, 1 + j] / STRIDE)
+        raise DeckError(f"the element {entries[k, 0] % STRIDE} has node {node}, which is not there")
 
 
 def flattened(path: Path) -> tuple[list[Card], list[Instance]]:

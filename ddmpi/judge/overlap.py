@@ -17,11 +17,11 @@ from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.elements import cell_with, normals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid
-from ddmpi.surface.near import distance_to, in_cells
+from ddmpi.surface.near import distance_to, in_cells, most_inside
 from ddmpi.system.agreement import gathered
 from ddmpi.system.numbers import ALIKE, SAME, Frame, RigidMotion, in_words
 
-RESOLVED = 1e-3  # do not warn of overlaps below this fraction of the largest displacement, in a body itself of a cell
+RESOLVED = 1e-3  # do not warn of overlaps below this fraction of the largest displacement
 
 WIDEN, ADD = "name the whole boundary that may touch in `on`", "add a [[contact]] between them"
 """What helps where bodies overlap that a contact names, and those that none does."""
@@ -162,10 +162,11 @@ def doubt_overlaps(
         if b in solids and a not in solids
     ]
     for number, solid in solids.items():
-        if (place := penetrates_itself(solid)) is not None:
+        if (own := penetrates_itself(solid)).depth:
             warnings[False, number, number] = (
-                f"body.{names[number]} penetrates itself, as at {in_words(place, 4)}, where no contact keeps its sides "
-                "apart; if they may touch, split it into two bodies, bonded where they are connected"
+                f"body.{names[number]} penetrates itself by {own.depth:.3g} {unit}, as at "
+                f"{in_words(own.place, 4)}, where no contact keeps its sides apart; if they may touch, split it into "
+                "two bodies, bonded where they are connected"
             )
     for (a, b), ranks, _ in near:
         if a in solids:
@@ -242,32 +243,34 @@ def _positions(way: float, height: float) -> Iterable[float]:
     return np.arange(1, count + 1) / count
 
 
-def penetrates_itself(body: Solid) -> np.ndarray | None:
-    """A place (d,) where the middle of a facet lies in a boundary cell in the answer but not as drawn, or None.
+def penetrates_itself(body: Solid) -> Overlap:
+    """Where the middle of a facet lies in a boundary cell in the answer, deeper than as drawn.
 
     A boundary cell is the simplex of a facet and the opposite corner of its cell. Those with a node of the facet do not
-    count: a quadratic facet that bends leaves the simplex beside it.
+    count: a quadratic facet that bends leaves the simplex beside it. Nor do places that lie in a boundary cell as drawn,
+    and up to a fraction RESOLVED of a cell what curvature and small-strain theory explain, as in `penetration`.
     """
-    way = float(np.linalg.norm(np.ptp((body.moved - body.at)[body.outer], axis=0)))
-    height = float(body.height.min())
-    if not RESOLVED * height < way <= np.ptp(body.at, axis=0).max():  # or is no number
-        return None
-    for fraction in _positions(way, height):
+    motions = (body.moved - body.at)[body.outer]
+    way = float(np.linalg.norm(np.ptp(motions, axis=0)))
+    height, corners = body.height, body.facets[:, :-1]
+    rounding = 32.0 * float(np.spacing(np.abs(body.at).max()))
+    least = max(RESOLVED, body.gradient) * way
+    if not 0.0 < way <= np.ptp(body.at, axis=0).max():  # or is no number
+        return Overlap()
+    drawn = in_cells(body.at[corners].mean(axis=1), body.at[body.facets.T], (corners, body.facets))
+    some = np.flatnonzero(drawn <= RESOLVED)
+    for fraction in _positions(way, float(height.min())):
         x = body.placed(fraction)
-        middle = x[body.facets[:, :-1]].mean(axis=1)
-        facets = body.facets[:, :-1]
-        inside = np.flatnonzero(
-            in_cells(middle, x[body.facets.T], (facets, body.facets)) > RESOLVED
-        )
-        drawn, nodes = body.at[facets[inside]].mean(axis=1), (facets[inside], body.facets)
-        inside = (
-            inside[in_cells(drawn, body.at[body.facets.T], nodes) <= RESOLVED]
-            if len(inside)
-            else inside
-        )
-        if len(inside):
-            return middle[inside[0]]
-    return None
+        middle = x[corners[some]].mean(axis=1)
+        share, cell = most_inside(middle, x[body.facets.T], (corners[some], body.facets))
+        depth = share * height[cell]
+        before = np.maximum(drawn[some], 0.0) * height[cell]
+        explained = least + body.sagitta[some] + body.sagitta[cell]
+        excess = depth - before - rounding - np.minimum(explained, RESOLVED * height[cell])
+        k = int(np.argmax(excess)) if len(some) else 0
+        if len(some) and excess[k] > 0.0:
+            return Overlap(float(depth[k]), middle[k])
+    return Overlap()
 
 
 def penetration(

@@ -75,6 +75,9 @@ TOO_MANY = 2e7
 FILLED, TINY = 0.01, 1e-6
 """Fraction of its box that a thin solid fills; curves below this fraction of the drawing, as at poles, are straight."""
 
+SHELL = 1e-4
+"""A face is in a plane z = … if its box is flatter than this fraction of the drawing; gmsh's boxes are a little wide."""
+
 DRAWN = "drawn.msh"
 """The mesh that gmsh writes."""
 
@@ -139,18 +142,49 @@ def list_parts(path: Path, label: str) -> tuple[int, list[tuple[int, str, float]
     and the extent (m). Not collective. Raises InputError, which begins with `label`, for a file that gmsh cannot read.
     """
     with _opened(path, label) as (folder, source):
-        d, parts = apart(folder, _list_parts, source, label, doing=f"gmsh is reading {path.name}")
+        script = path.suffix.lower() == ".geo"
+        d, parts = apart(
+            folder, _list_parts, source, script, label, doing=f"gmsh is reading {path.name}"
+        )
         return d, parts
 
 
-def _list_parts(source: Path, label: str) -> tuple[int, list[tuple[int, str, float]]]:
+def _list_parts(source: Path, script: bool, label: str) -> tuple[int, list[tuple[int, str, float]]]:
     with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be read"):
         gmsh.open(str(source))
+        _refuse_no_body(gmsh, script, label)
         d = max(gmsh.model.getDimension(), 2)
         return d, [
             (tag, gmsh.model.getEntityName(d, tag).split("/")[-1], extent(gmsh, d, tag))
             for _, tag in gmsh.model.getEntities(d)
         ]
+
+
+def _refuse_no_body(gmsh, script: bool, label: str) -> None:
+    """Raise InputError where a drawing has neither solids nor surfaces."""
+    if gmsh.model.getEntities(2):
+        return
+    has = "nothing but curves and points" if gmsh.model.getEntities(0) else "nothing drawn in it"
+    raise InputError(
+        f"{label} has no surface: "
+        + (
+            "Plane Surface(1) = {1};"
+            if script
+            else f"it has {has}; export the solids, or plane faces"
+        )
+    )
+
+
+def _refuse_shell(gmsh, script: bool, label: str) -> None:
+    """Raise InputError where a CAD file has faces in space that bound no solid."""
+    if script or gmsh.model.getDimension() > 2:
+        return
+    for _, tag in gmsh.model.getEntities(2):
+        if np.diff(box(gmsh, 2, tag), axis=0)[0, 2] > SHELL * extent(gmsh):
+            raise InputError(
+                f"{label} has no solid: its face {tag} is not in a plane z = …, and bounds none; join the faces to a "
+                "solid before exporting them (CAD programs: sew, make solid)"
+            )
 
 
 @contextlib.contextmanager
@@ -243,10 +277,10 @@ def _draw(
         with _gmsh_errors(f"{label} cannot be read"):
             gmsh.open(str(source)) if source else draw_shape(gmsh, body.mesh)
         d = gmsh.model.getDimension()
-        if not gmsh.model.getEntities(2):
-            raise InputError(f"{label} has no surface: Plane Surface(1) = {{1}};")
+        _refuse_no_body(gmsh, script, label)
         if body.mesh.part is not None:
             keep_part(gmsh, body.mesh.part, label)
+        _refuse_shell(gmsh, script, label)
         faces = _choose_groups(gmsh, script, body, contacts, label)
         for option, value in _OPTIONS.items():
             gmsh.option.setNumber(option, value)

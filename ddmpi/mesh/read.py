@@ -18,11 +18,12 @@ from ddmpi.errors import DdmpiError, InputError, InterruptionError, nearest
 from ddmpi.mesh.boundary import file_groups, file_members, set_nodes
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, refuse_overlaps, signed_measures
+from ddmpi.mesh.nodes import of_elements, refuse_lost_nodes, refuse_lost_numbers, refuse_repeated
 from ddmpi.mesh.refine import KINDS, SIMPLICES, bend, distinct, raise_order, simplices
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
 from ddmpi.system.hdf5 import read_apart
-from ddmpi.system.numbers import ALIKE
+from ddmpi.system.numbers import ALIKE, in_words
 
 MSH = (b"$MeshFormat", b"$Comments", b"$NOD", b"$NOE")
 """First words of mesh files that gmsh may open: it runs unknown files as scripts."""
@@ -68,11 +69,11 @@ def read_mesh(
             f"{label} has elements of type {', '.join(other)}; only triangles, quadrilaterals, "
             "tetrahedra, hexahedra, prisms, pyramids and lines of first or second order are supported"
         )
-    if not (np.abs(raw.points) <= LARGEST).all():
-        raise InputError(f"{label} has coordinates that are not numbers, or above {LARGEST:g}")
+    some = None if part is None else _members(raw, d, part, label)
+    _refuse_nodes(raw, list(of_elements(raw, d, some)), d, label)
     cells, bends, element = simplices(raw, d, raw.points[:, :d], not kind.linear)
-    if part is not None:
-        own = np.isin(element, _members(raw, d, part, label))
+    if some is not None:
+        own = np.isin(element, some)
         cells, bends, element = cells[own], bends[own], element[own]
     first, place = distinct(cells)
     cells, bends = cells[first], bends[first]
@@ -86,11 +87,6 @@ def read_mesh(
         raise InputError(
             f"{label} has neither triangles nor tetrahedra; gmsh saves only elements in physical groups: "
             'Physical Surface("body") = {1}; or Physical Volume("body") = {1};'
-        )
-    if (np.ptp(raw.points[:, d:], axis=0) > ALIKE * np.ptp(raw.points)).any():
-        raise InputError(
-            f"{label} is not plane (its z coordinates differ), and has no tetrahedra; a solid needs its "
-            'cells: Physical Volume("body") = {1};'
         )
     groups, curves, vertices = file_groups(raw, label, cells, part is not None)
     surfaces = {
@@ -109,8 +105,12 @@ def read_mesh(
     if any((facets < 0).any() for facets in groups.values()):
         raise InputError(f"{label} has boundary {kind.facet.names} that belong to no {kind.name}")
     measure = signed_measures(points, cells)
-    if np.abs(measure).min() <= FLAT ** (d / 2) * np.abs(measure).max():
-        raise InputError(f"{label} has {kind.names} without {MEASURE[d]}")
+    flat = np.abs(measure) <= FLAT ** (d / 2) * np.abs(measure).max()
+    if flat.any():
+        raise InputError(
+            f"{label} has {kind.names} without {MEASURE[d]}, {int(flat.sum())} of them, as at "
+            f"{in_words(points[cells[flat.argmax()]].mean(axis=0), 4)}"
+        )
     turned, swap = measure < 0, [*range(d - 1), d, d - 1]
     cells[turned] = cells[turned][:, swap]
     mesh = Mesh(points, cells, groups, surfaces=surfaces, cut=cut, curves=curves)
@@ -119,6 +119,25 @@ def read_mesh(
     bends[turned] = bends[turned][:, [ends.index(sorted(corners)) for corners in kind.between]]
     mesh = bend(raise_order(mesh, f"body.{body}.mesh", order), bends)
     return replace(mesh, vertices=set_nodes(raw, mesh, number, vertices))
+
+
+def _refuse_nodes(raw, nodes: list[np.ndarray], d: int, label: str) -> None:
+    """Raise InputError where the elements of the body, by the `nodes` (k, ·) of those of each kind, have a node twice,
+    or nodes that are nowhere, or in the plane not in one plane. Nodes of other elements, and of none, do not count."""
+    refuse_repeated(raw, nodes, label)
+    used = np.unique(np.concatenate([np.empty(0, int), *(of_kind.ravel() for of_kind in nodes)]))
+    nowhere = used[~(np.abs(raw.points[used]) <= LARGEST).all(axis=1)]
+    if len(nowhere):
+        raise InputError(
+            f"{label} has coordinates that are not numbers, or above {LARGEST:g}, at "
+            f"{len(nowhere)} of its nodes, such as {in_words(raw.points[nowhere[0]])}"
+        )
+    at = raw.points[used]
+    if len(at) and (np.ptp(at[:, d:], axis=0) > ALIKE * np.ptp(at, axis=0).max()).any():
+        raise InputError(
+            f"{label} is not plane (its z coordinates differ), and has no tetrahedra; a solid needs its "
+            'cells: Physical Volume("body") = {1};'
+        )
 
 
 def file_kind(path: Path, body: str, part: str | None = None) -> tuple[int, int]:
@@ -177,10 +196,13 @@ def _load(path: Path, label: str, part: str | None = None):
         begin = file.read(len(MSH[0]))
     if not begin.startswith(MSH):
         raise InputError(
-            f"{label} is not a mesh that meshio or gmsh can read: it does not begin with $MeshFormat; a "
-            "drawing is given by geometry = …"
+            f"{label} is not a mesh that meshio or gmsh can read: it does not begin with $MeshFormat, as "
+            f"{'.msh' if kind == '.msh' else 'files of other endings'} should; mesh files are .msh (gmsh), "
+            ".med (Salome), .vtu and .vtk (VTK), and .inp (Abaqus, CalculiX); a drawing is given by "
+            "geometry = …"
         )
     _refuse_double_names(path, label)
+    refuse_lost_numbers(path, label)
     try:
         return _read_msh(path)
     except Exception as error:
@@ -204,10 +226,10 @@ def _read_other(path: Path, kind: str):
     import meshio
 
     if kind != ".med":
-        return _with_sets(getattr(meshio, FORMATS[kind]).read(path))
+        return _by_meshio(path, FORMATS[kind])
     meshio._mesh.topological_dimension.update(dict.fromkeys(KINDS[3], 3))
     try:
-        return _with_sets(meshio.med.read(path))
+        return _by_meshio(path, FORMATS[kind])
     except Exception as error:  # in a process of its own, which has no other way to say it
         what = "" if isinstance(error, ValueError | OSError) else f"{type(error).__name__} "
         raise InputError(f"{what}{error}") from None
@@ -236,11 +258,36 @@ def _read_msh(path: Path):
     import meshio
 
     raw = meshio.gmsh.read(path)
-    _check_nodes(raw)
+    refuse_lost_nodes(raw, 1)
     for block in raw.cells:
         if block.type in COMPLETE:
             block.data = block.data[:, COMPLETE[block.type]]
     return raw
+
+
+def _by_meshio(path: Path, kind: str):
+    """A file of another program as a mesh of meshio. Raises ValueError, and what meshio raises."""
+    import meshio
+
+    if kind == "vtu" and (pieces := len(re.findall(rb"<Piece\b", path.read_bytes()))) > 1:
+        raise ValueError(f"it has {pieces} pieces, of which meshio reads one; save it as one piece")
+    try:
+        raw = getattr(meshio, kind).read(path)
+    except meshio.ReadError as error:
+        if "exactly 1 mesh" in str(error):
+            raise ValueError(
+                "it has several meshes; save that of the body in a file of its own"
+            ) from None
+        raise
+    except KeyError as error:
+        if kind != "med":
+            raise
+        raise ValueError(
+            f"it lacks nodes (NOE), cells (MAI) or families (FAS), which are its groups: {error.args[0]}; "
+            "clamps, tractions and contacts refer to boundaries by groups"
+        ) from None
+    refuse_lost_nodes(raw, int(kind == "med"))
+    return _with_sets(raw)
 
 
 def _with_sets(raw):
@@ -252,14 +299,7 @@ def _with_sets(raw):
         name: blocks[0] for name, blocks in _sets(nodes, getattr(raw, "point_tags", None)).items()
     }
     raw.points, raw.field_data = np.pad(raw.points, ((0, 0), (0, 3 - raw.points.shape[1]))), {}
-    _check_nodes(raw)
     return raw
-
-
-def _check_nodes(raw) -> None:
-    """Raise ValueError where elements have nodes that are not there."""
-    if max((block.data.max(initial=0) for block in raw.cells), default=0) >= len(raw.points):
-        raise ValueError("elements of nodes that are not there")
 
 
 def _sets(blocks: list, names: dict[int, list[str]] | None) -> dict[str, list[np.ndarray]]:

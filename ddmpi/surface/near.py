@@ -43,10 +43,18 @@ def contained(
 def in_cells(
     points: np.ndarray, corners: np.ndarray, own: tuple[np.ndarray, np.ndarray] | None = None
 ) -> np.ndarray:
+    """The least barycentric coordinate (k,) of points in the cell of which each is most inside, see `most_inside`."""
+    return most_inside(points, corners, own)[0]
+
+
+def most_inside(
+    points: np.ndarray, corners: np.ndarray, own: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """The least barycentric coordinate (k,) of points (k, d) in the cell of which each is most inside, by the `corners`
-    (d + 1, c, d) of the cells; −∞ for points that lie in the box of no cell. Cells that have a node of what a point is
-    of do not count; `own` are these nodes, of points (k, ·) and cells (c, ·)."""
-    best = np.full(len(points), -np.inf)
+    (d + 1, c, d) of the cells, and the number (k,) of this cell; −∞ and 0 for points that lie in the box of no cell.
+    Cells that have a node of what a point is of do not count; `own` are these nodes, of points (k, ·) and cells (c, ·).
+    """
+    best, number = np.full(len(points), -np.inf), np.zeros(len(points), int)
     point, cell = contained(points, corners.min(axis=0), corners.max(axis=0))
     if own is not None:
         apart = ~(own[0][point, :, None] == own[1][cell, None, :]).any(axis=(1, 2))
@@ -55,8 +63,11 @@ def in_cells(
     with np.errstate(divide="ignore", invalid="ignore"):  # no point is in a flat cell
         inverse = invert(np.ascontiguousarray(away.swapaxes(1, 2)))[0]  # ∂λ/∂x
         part = np.einsum("acp,pc->ap", inverse, points[point] - first)  # λ_1 … λ_d
-        np.fmax.at(best, point, np.minimum(part.min(axis=0), 1.0 - part.sum(axis=0)))
-    return best
+        least = np.minimum(part.min(axis=0), 1.0 - part.sum(axis=0))
+        np.fmax.at(best, point, least)
+    most = np.flatnonzero(least == best[point])[::-1]  # of equal ones the first
+    number[point[most]] = cell[most]
+    return best, number
 
 
 def distance_to(

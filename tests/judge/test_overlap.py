@@ -187,8 +187,9 @@ def test_a_clip_that_closes_through_itself_is_found(turn, closed, scale):
         upper = (at[:, 1] > 1.3 * scale) & (at[:, 0] > 0.9 * scale)
         return np.where(upper[:, None], root - at + (at - root) @ np.array([[c, -s], [s, c]]), 0.0)
 
-    place = penetrates_itself(of(mesh, motion))
-    assert (place is not None) == closed
+    found = penetrates_itself(of(mesh, motion))
+    place = found.place
+    assert (found.depth > 0.0) == closed
     if closed:
         assert 0.9 * scale < place[0] < 4.1 * scale and 0.5 * scale < place[1] < 1.5 * scale
 
@@ -201,7 +202,37 @@ def test_a_slot_that_closes_is_found_in_the_cells_at_the_boundary(down, closed):
         :, None
     ] * [0.0, 1.0]
     body = of(replace(mesh, points=mesh.points - 0.39 * bent), lambda _: -down * bent)
-    assert (penetrates_itself(body) is not None) == closed
+    assert (penetrates_itself(body).depth > 0.0) == closed
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-6, 1e6])
+@pytest.mark.parametrize(
+    ("motion", "depth"),
+    [((0.0, -1.0), 1.0), ((1.0, -0.5), 0.5), ((0.0, 1.0), 0.0), ((1.0, 0.0), 0.0)],
+)
+def test_sides_of_a_seam_that_pass_through_each_other_are_found_at_small_strains(
+    motion, depth, size
+):
+    """Measured against the displacement, a millionth of the body, whatever the units; not where they open or slide."""
+    lower, upper = rectangle((0, 0), (2, 1), (8, 4)), rectangle((0, 1), (2, 1), (8, 4))
+    points = size * np.concatenate([lower.points, upper.points])
+    mesh = Mesh(points, np.concatenate([lower.triangles, upper.triangles + len(lower.points)]), {})
+    moved = np.where(np.arange(len(points))[:, None] < len(lower.points), 0.0, motion)
+    found = penetrates_itself(of(mesh, lambda at: 1e-6 * size * moved))
+    assert found.depth == pytest.approx(1e-6 * size * depth, rel=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1e-9, 1e-6, 1e-4, 1e-2])
+def test_a_body_that_strains_does_not_penetrate_itself(scale):
+    """Neither an L that bends at its inner corner, nor the sides of a crack that opens."""
+    mesh = squares({(i, j) for i in range(8) for j in range(8) if i < 4 or j < 4}, 0.25)
+
+    def bent(at: np.ndarray) -> np.ndarray:
+        x, y = at.T
+        return scale * np.column_stack([-y * x**2, x**3 - y**2])
+
+    assert penetrates_itself(of(mesh, bent)).depth == 0.0
+    assert penetrates_itself(of(mesh, lambda at: -bent(at))).depth == 0.0
 
 
 # In space

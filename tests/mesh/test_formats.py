@@ -859,7 +859,7 @@ def test_sets_of_sets_and_parts_of_a_file(tmp_path):
         ("*ELEMENT, TYPE=C3D4\n9, 1, 2, 3, 4", "has tetrahedra without volume"),
         (
             "*ELEMENT, TYPE=CPS3\n9, 1, 2, 77",
-            "that can be read: an element has node 77, which is not there",
+            "that can be read: the element 9 has node 77, which is not there",
         ),
         (
             "*ELEMENT, TYPE=CPS3\n9, 1, 2",
