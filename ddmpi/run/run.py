@@ -16,7 +16,7 @@ from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import WorkingRanks, on_working_ranks, team_of
 from ddmpi.coupling.team import Team
 from ddmpi.derive.entries import ENOUGH
-from ddmpi.errors import InputError, NotConvergedError, SolverError, naming
+from ddmpi.errors import DdmpiError, InputError, NotConvergedError, SolverError, naming
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose, helpful
@@ -36,7 +36,7 @@ from ddmpi.run.places import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution
 from ddmpi.scene.scene import Settled
-from ddmpi.system.agreement import agreed, gathered, merged
+from ddmpi.system.agreement import agree_on_mistake, agreed, explained, gathered, merged
 from ddmpi.system.clock import Clock
 from ddmpi.system.provenance import versions
 
@@ -64,11 +64,18 @@ def run(
 
 class Cases:
     """Cases of one scene, each of which takes from those before what it does not change, unless nothing is to be kept,
-    as for a single case. Collective on `world`."""
+    as for a single case. Collective on `world`.
 
-    def __init__(self, world: MPI.Comm, keep: bool = True) -> None:
+    Parameters
+    ----------
+    survive : whether a mistake of the program that all ranks meet becomes an InternalError, so that other cases can
+        follow; not where bodies have several ranks
+    """
+
+    def __init__(self, world: MPI.Comm, keep: bool = True, survive: bool = False) -> None:
         self._ranks, self._keep, self._kept = WorkingRanks(world), keep, Kept(locked=True)
         self._team: Team | None = None
+        self._beside = world.Dup() if survive else MPI.COMM_NULL
 
     def compute(self, scene: Settled, scene_path: str, clock: Clock, **more: Any) -> Solved | None:
         """`compute`, with what is kept; None on ranks without a body of their own."""
@@ -76,9 +83,18 @@ class Cases:
         def work(ranks: MPI.Comm) -> Solved:
             if team_of(ranks) is not self._team:  # what was kept went with the ranks of the bodies
                 self._team, self._kept = team_of(ranks), Kept(locked=True)
-            return compute(
-                ranks, scene, scene_path, clock, kept=self._kept if self._keep else None, **more
-            )
+            kept = self._kept if self._keep else None
+            try:
+                with explained():
+                    return compute(ranks, scene, scene_path, clock, kept=kept, **more)
+            except Exception as error:
+                if isinstance(error, DdmpiError) or self._team or self._beside == MPI.COMM_NULL:
+                    raise
+                mistake = agree_on_mistake(self._beside, error)
+                if mistake is None:
+                    raise
+                self._kept = Kept(locked=True)  # what the case has left may be half done
+                raise mistake from error
 
         return self._ranks.work(scene, work)
 
@@ -86,6 +102,8 @@ class Cases:
         """Free all that is kept."""
         self._kept = Kept(locked=True)
         gc.collect()
+        if self._beside != MPI.COMM_NULL:
+            self._beside.Free()
         self._ranks.end()
 
 
@@ -304,11 +322,14 @@ def _another_mesh(
     if not solution.certified:
         return ladder.fall_back(solution.reason)
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
-    drawn = {
-        body.spec.name: (body.mesh, error.estimates[body.spec.name].squares)
-        for body in assembly.bodies
-        if body.spec.mesh.drawn
-    }
+    if assembly.scene.method.target_error is None:
+        drawn = {}  # no other mesh follows, and with output.only there is no estimate
+    else:
+        drawn = {
+            body.spec.name: (body.mesh, error.estimates[body.spec.name].squares)
+            for body in assembly.bodies
+            if body.spec.mesh.drawn
+        }
     rate = ladder.rate(error.relative)
     demands = merged(
         assembly.world,

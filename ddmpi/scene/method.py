@@ -407,8 +407,10 @@ class Output(Table, frozen=True, kw_only=True):
     derivatives: list[str] = []
 
     def __post_init__(self) -> None:
-        for key in ("error", "animation"):
-            if self.only and getattr(self, key):
+        for key in ("error", "animation", "view"):
+            if self.only and (
+                getattr(self, key) is True or (key == "animation" and self.animation)
+            ):
                 raise ValueError(
                     f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two'
                 )
