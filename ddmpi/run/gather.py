@@ -51,6 +51,7 @@ from ddmpi.run.solve import Solution
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.files import contact_files
+from ddmpi.system.numbers import place_of_largest
 from ddmpi.system.provenance import has_matplotlib, peak_memory, provenance
 
 log = logging.getLogger("ddmpi")
@@ -244,7 +245,7 @@ def gather_summary(
             body.number,
             (
                 body.spec.name,
-                _body(body, solution, error, fields.get(body.spec.name), ranks, memory)
+                _body(assembly, body, solution, error, fields, ranks, memory)
                 | (
                     forces_by_group(
                         body, solution.displacements[body.spec.name], s, factors, assembly.frames
@@ -321,22 +322,30 @@ def _with_middles(body: Body) -> float:
 
 
 def _body(
+    assembly: Assembly,
     body: Body,
     solution: Solution,
     error: DiscretizationError,
-    fields: Fields | None,
+    fields: dict[str, Fields],
     ranks: list[int],
     memory: float,
 ) -> dict:
     """The summary's entry of a body of this rank; its `ranks` have used up to `memory` MiB. Not collective."""
     member, name = body.member, body.spec.name
-    estimate, stress = error.estimates.get(name), fields.von_mises if fields else None
+    estimate, stress = error.estimates.get(name), fields[name].von_mises if name in fields else None
+    moved, points = np.linalg.norm(solution.displacements[name], axis=1), body.mesh.points
+    if frame := assembly.frames.get(name):
+        points = frame.at(points + solution.displacements[name])  # where the body is now
     return {
         "n": member.elasticity.n,
         "ranks": ranks,
         "held": member.elasticity.supported,
-        "displacement_max": float(np.linalg.norm(solution.displacements[name], axis=1).max()),
+        "displacement_max": float(moved.max()),
+        "displacement_max_at": place_of_largest(moved, points),
         "von_mises_max": None if stress is None else float(stress.max()),
+        "von_mises_max_at": None
+        if stress is None
+        else place_of_largest(stress, points[body.mesh.corners].mean(axis=1)),
         "energy": estimate
         and estimate.energy / 2,  # by the stresses: rigid motions add no rounding
         "discretization_error": error.by_body.get(name),
