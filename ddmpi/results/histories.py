@@ -183,8 +183,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         }
     entry = next(step for step in results.summary["steps"] if step["time"] == time)
     totals, rigid, forces = entry["contacts"], entry.get("rigid", {}), entry.get("bodies", {})
-    displaced: np.ndarray = fields.get("displacement_in_frame", fields["displacement"])
-    moved, owner = np.linalg.norm(displaced, axis=1), owners(results)
+    moved, owner = _moved(fields), owners(results)
     unknown: dict[str, Any] = {
         "energy": None,
         "reaction": (None,) * results.dimension,
@@ -232,6 +231,12 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         surfaces=surfaces,
         facets=facets or results.facets,
     )
+
+
+def _moved(fields: Columns) -> np.ndarray:
+    """(nv,) sizes of displacements, of bodies that move far in their frames (m)."""
+    displaced = "displacement_in_frame" if "displacement_in_frame" in fields else "displacement"
+    return np.linalg.norm(fields[displaced], axis=1)
 
 
 def _extremes(

@@ -20,7 +20,14 @@ from ddmpi.errors import DdmpiError, InputError, NotConvergedError, SolverError,
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose, helpful
-from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
+from ddmpi.judge.plausible import (
+    doubt_answer,
+    doubt_cells,
+    doubt_mesh,
+    doubt_shape,
+    doubt_stress,
+    locking_of,
+)
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.refine import Sizes
 from ddmpi.methods.outer import outer_from_outside
@@ -38,6 +45,7 @@ from ddmpi.run.solve import Solution
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agree_on_mistake, agreed, explained, gathered, merged
 from ddmpi.system.clock import Clock
+from ddmpi.system.doubts import Doubt, condensed
 from ddmpi.system.provenance import versions
 
 log = logging.getLogger("ddmpi")
@@ -358,7 +366,7 @@ def _judge(
             if not scene.output.only
         }
     free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
-    warnings = [*assembly.warnings, *(body.locking for body in scene.body if body.locking)]
+    warnings = [*assembly.warnings, *locking_of(scene)]
     if solution.certified:
         doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
         warnings += [*doubts, *steps.doubts_beside([*doubts, *free])]
@@ -370,7 +378,11 @@ def _judge(
                 ),
             ]
         warnings += [
-            f"derivatives.{key}: not given, because GMRES does not solve their equations to {ENOUGH:.0e}"
+            Doubt(
+                f"derivatives.{key}: not given, because GMRES does not solve their equations to {ENOUGH:.0e}",
+                "derivatives",
+                of=f"derivatives.{key}",
+            )
             for key, entry in steps.derived[0].items()
             if entry is None and not world.rank
         ]
@@ -391,7 +403,15 @@ def _judge(
         solution,
         fields,
         gather_summary(
-            assembly, solution, error, fields, ladder, warnings, free, clock.started, steps
+            assembly,
+            solution,
+            error,
+            fields,
+            ladder,
+            condensed(warnings),
+            free,
+            clock.started,
+            steps,
         ),
         steps,
     )
