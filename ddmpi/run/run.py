@@ -225,7 +225,7 @@ def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
                     scene.method,
                     solution.outer.history,
                     statuses,
-                    helpful(scene),
+                    helpful(scene, in_force()),
                 )
             )
         if ladder.missed:
