@@ -161,6 +161,15 @@ def fitting(
     return {name for name, fit in fits.items() if fit}
 
 
+def _in_words(factor: float) -> str:
+    """How an iteration converges whose criterion shrinks by a factor."""
+    if factor > 1.02:
+        return "growth"
+    if factor > NO_PROGRESS:
+        return "no progress"
+    return "slow convergence" if factor > 0.7 else "convergence"
+
+
 def diagnose(
     reason: str,
     stopped: str,
@@ -186,17 +195,8 @@ def diagnose(
     elif rounding or last.update == 0.0:
         lines.append("seen: the forces no longer change" + ", rounding is reached" * rounding)
     elif np.isfinite(factor):
-        seen = (
-            "growth"
-            if factor > 1.02
-            else "no progress"
-            if factor > NO_PROGRESS
-            else "slow convergence"
-            if factor > 0.7
-            else "convergence"
-        )
         lines.append(
-            f"seen: {seen}, a factor of {factor:.3f} per iteration over the last "
+            f"seen: {_in_words(factor)}, a factor of {factor:.3f} per iteration over the last "
             f"{min(LOOK_BACK, len(history) - 1)}"
         )
     nodes = log.unsettled()
