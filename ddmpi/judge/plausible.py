@@ -10,7 +10,8 @@ from scipy.sparse import csgraph
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState, ContactTotals
-from ddmpi.judge.overlap import RESOLVED, Solid, doubt_overlaps
+from ddmpi.judge.edges import Singular, boundary_of, within
+from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import REGULAR, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
@@ -63,13 +64,18 @@ def locking_of(scene: Settled) -> list[str]:
     ]
 
 
+def qualities(mesh: Mesh) -> np.ndarray:
+    """(nt,) measures of cells over those of regular ones with edges as long in the mean: 1 for a regular cell, 0 for a
+    degenerate one. Not collective."""
+    mean = np.sqrt((edge_lengths(mesh) ** 2).mean(axis=1))
+    return signed_measures(mesh.points, mesh.corners) / (
+        REGULAR[mesh.dimension] * mean**mesh.dimension
+    )
+
+
 def doubt_cells(mesh: Mesh, name: str) -> str:
     """A warning of thin cells of a body's mesh; empty if there are none. Not collective."""
-    # 1 for a regular cell, 0 for a degenerate one
-    regular = (
-        REGULAR[mesh.dimension] * np.sqrt((edge_lengths(mesh) ** 2).mean(axis=1)) ** mesh.dimension
-    )
-    quality = signed_measures(mesh.points, mesh.corners) / regular
+    quality = qualities(mesh)
     worst, poor = int(quality.argmin()), int((quality < LIMIT["thin"]).sum())
     return (
         Doubt(
@@ -298,12 +304,28 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
     ]
 
 
-def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) -> list[str]:
-    """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite.
-    `stresses` (nt,) are von Mises stresses (Pa) of this rank's bodies; None where they are not wanted. Collective."""
-    unit = assembly.scene.units["stress"]
+def doubt_stress(
+    assembly: Assembly,
+    stresses: Mapping[str, np.ndarray | None],
+    edges: Mapping[str, list[Singular]] | None = None,
+) -> list[str]:
+    """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite, or in
+    a thin cell. Collective.
+
+    Parameters
+    ----------
+    stresses : (nt,) von Mises stresses (Pa) of this rank's bodies; None where they are not wanted
+    edges : by body where those of its contacts are infinite, as of `doubt_edges`
+    """
+    unit, edges = assembly.scene.units["stress"], edges or {}
     of_rank = {
-        body.spec.name: (float(sigma.max()), _singular(body, sigma, unit))
+        body.spec.name: (
+            float(sigma.max()),
+            [
+                *_singular(body, sigma, unit, edges.get(body.spec.name, ())),
+                *_in_thin_cell(body, sigma, unit),
+            ],
+        )
         for body in assembly.bodies
         for sigma in [stresses[body.spec.name]]
         if sigma is not None
@@ -318,42 +340,69 @@ def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) 
     ]
 
 
-def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
-    """A warning where the largest of the stresses (nt,) of a body is at a re-entrant corner (in space an edge) or where
-    a clamp ends, but not where it ends at an outer corner, a much weaker singularity. A facet is clamped if it belongs
-    to a clamp's group: clamps of the faces around a free one may constrain all nodes of its facets.
+def _in_thin_cell(body: Body, stress: np.ndarray, unit: str) -> Iterator[str]:
+    """A warning where the largest of the stresses (nt,) of a body is that of a thin cell among good ones, and of no
+    other one. In a layer whose cells are all thin, in the same way, stresses are not poor."""
+    quality, k = qualities(body.mesh), int(stress.argmax())
+    largest = stress >= (1.0 - SAME) * stress[k]
+    nodes = np.unique(body.mesh.corners[largest])
+    around = np.isin(body.mesh.corners, nodes).any(axis=1)
+    thin = quality < LIMIT["thin"]
+    if thin[largest].all() and np.median(quality[around]) > 2.0 * LIMIT["thin"]:
+        place = in_words(body.mesh.points[body.mesh.corners[k]].mean(axis=0), 4)
+        yield Doubt(
+            f"body.{body.spec.name}.mesh: the largest von Mises stress, {stress[k]:.4g} {unit}, is in a thin cell at "
+            f"{place} with {quality[k]:.2g} of the measure of a regular one; stresses are poor there",
+            "stress in a thin cell",
+            float(stress[k]),
+        )
+
+
+def _singular(
+    body: Body, stress: np.ndarray, unit: str, edges: Sequence[Singular] = ()
+) -> list[str]:
+    """A warning where the largest of the stresses (nt,) of a body is at a re-entrant corner (in space an edge), at one
+    of the `edges` of its contacts, or where a clamp ends, but not where it ends at an outer corner, a much weaker
+    singularity. A facet is clamped if it belongs to a clamp's group: clamps of the faces around a free one may
+    constrain all nodes of its facets.
     """
-    points, facets, d = (
-        body.mesh.points,
-        Solid.of(body.mesh, np.zeros(1)).facets,
-        body.mesh.dimension,
+    mesh = body.mesh
+    points, (facets, bends) = mesh.points, boundary_of(mesh)
+    clamped = within(
+        mesh,
+        facets,
+        [mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.groups],
     )
-    bends = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
-    groups = [
-        body.mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in body.mesh.groups
-    ]
-    clamped_facets = [group[:, body.mesh.cell.facet.parts].reshape(-1, d) for group in groups]
-    both = np.sort(np.concatenate([facets[:, :-1], *clamped_facets]), axis=1)
-    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
-    clamped = np.isin(number[: len(facets)], number[len(facets) :])
     ends = (clamped[bends.facets].sum(axis=1) == 1) & (bends.turn < SHARPEST)
     largest = stress >= (1.0 - SAME) * stress.max()
     if largest.all():  # a constant stress grows nowhere
         return []
-    top = np.unique(body.mesh.triangles[largest])
-    corner = {2: "corner", 3: "edge"}[body.mesh.dimension]
-    for what, where, cure in (
-        (
-            f"a re-entrant {corner}",
-            bends.turn < -SHARPEST,
-            "; round it in the drawing, or take the stress beside it",
-        ),
-        ("the end of a clamp", ends, "; take the stress beside it"),
-    ):
-        for place in points[np.intersect1d(bends.nodes[where], top)[:1]]:
+    top = np.unique(mesh.triangles[largest])
+    corner = {2: "corner", 3: "edge"}[mesh.dimension]
+    beside = "take the stress beside it"
+    drawn = "round it in the drawing, or " if body.spec.mesh.drawn else ""
+    where = [
+        (points[np.intersect1d(bends.nodes[chosen], top)], what, cure)
+        for chosen, what, cure in (
+            (bends.turn < -SHARPEST, f"a re-entrant {corner}", drawn + beside),
+            (ends, "the end of a clamp", beside),
+        )
+    ]
+    for known in edges:
+        reach = edge_lengths(mesh)[largest].max()
+        for place, what in zip(known.places, known.what, strict=True):
+            near = bool(np.linalg.norm(points[top] - place, axis=1).min() <= reach)
+            where.append((place[None][: int(near)], what, beside))
+    for places, what, cure in where:
+        if len(places):
+            place = places[np.lexsort(places.T[::-1])[0]]
             return [
-                f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, is at {what} "
-                f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"
+                Doubt(
+                    f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, is at {what} "
+                    f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined; {cure}",
+                    "infinite stress",
+                    float(stress.max()),
+                )
             ]
     return []
 

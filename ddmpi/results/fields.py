@@ -216,14 +216,7 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     interface = state.interface
     outline = interface.outline
     assert outline is not None
-    forces = np.column_stack([state.normal_force, state.forces])
-    if values is not None:  # of another load step
-        normal, along = (values[:, k] * interface.area for k in range(2))
-        forces = np.column_stack(
-            [normal, -normal[:, None] * interface.normal - along[:, None] * interface.frame[:, 1]]
-        )
-        if interface.dimension > 2:
-            forces[:, 1:] = values[:, len(AT_CONTACT) : len(AT_CONTACT) + 3]
+    forces = _forces_of(state, values)
     values = leg_values(state) if values is None else values
     most = np.zeros(len(outline.xy), int)  # a status is that of the row with the largest share
     entries = outline.shares.tocoo()
@@ -244,6 +237,19 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
         )
     at_points = shared_out(outline, forces)
     return data | {"normal_force": at_points[:, 0], "force": _padded(at_points[:, 1:])}
+
+
+def _forces_of(state: ContactState, values: np.ndarray | None) -> np.ndarray:
+    """(m, 1 + d) normal forces of the rows and their forces on the first body (N); of another load step by its
+    `leg_values`, where bodies that move far have other rows than the state has forces."""
+    if values is None:
+        return np.column_stack([state.normal_force, state.forces])
+    interface = state.interface
+    normal, along = (values[:, k] * interface.area for k in range(2))
+    if len(values.T) > len(AT_CONTACT):
+        return np.column_stack([normal, values[:, len(AT_CONTACT) : len(AT_CONTACT) + 3]])
+    force = -normal[:, None] * interface.normal - along[:, None] * interface.frame[:, 1]
+    return np.column_stack([normal, force])
 
 
 def shared_out(outline: Outline, forces: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from ddmpi.errors import DdmpiError, InputError, NotConvergedError, SolverError,
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose, helpful
+from ddmpi.judge.edges import doubt_edges
 from ddmpi.judge.plausible import (
     doubt_answer,
     doubt_cells,
@@ -369,12 +370,15 @@ def _judge(
     warnings = [*assembly.warnings, *locking_of(scene)]
     if solution.certified:
         doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
-        warnings += [*doubts, *steps.doubts_beside([*doubts, *free])]
+        infinite, edges = doubt_edges(assembly.in_world(), solution.states)
+        warnings += [*doubts, *infinite, *steps.doubts_beside([*doubts, *free])]
         if not scene.output.only:
             warnings += [
                 *(() if world.rank else doubt_mesh(scene.body, error)),
                 *doubt_stress(
-                    assembly.in_world(), {name: field.von_mises for name, field in fields.items()}
+                    assembly.in_world(),
+                    {name: field.von_mises for name, field in fields.items()},
+                    edges,
                 ),
             ]
         warnings += [
