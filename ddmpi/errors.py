@@ -19,6 +19,12 @@ class DdmpiError(Exception):
     kind = "error"
 
 
+class InternalError(DdmpiError):
+    """A mistake of the program itself, where more than one run depends on it: a sweep records it and goes on."""
+
+    kind = "internal error"
+
+
 class InputError(DdmpiError):
     """Bad input: the scene, a mesh or the command line; one message with file and key, and nothing was computed."""
 

@@ -6,7 +6,7 @@ import pytest
 import ruler
 
 COMPLEX = {
-    "check/check:_check": 23,
+    "check/check:_check": 22,
     "check/check:_look": 17,
     "check/check:_page": 26,
     "check/drawing:draw_bodies": 17,
@@ -32,7 +32,6 @@ COMPLEX = {
     "decks/model:Model._read": 19,
     "decks/scene:Importer._pieces": 22,
     "decks/scene:Importer.scene": 19,
-    "judge/diagnosis:diagnose": 16,
     "judge/overlap:doubt_overlaps": 20,
     "judge/plausible:doubt_answer": 22,
     "mesh/boundary:file_groups": 22,
@@ -43,7 +42,7 @@ COMPLEX = {
     "methods/newton:Newton._iterate": 21,
     "methods/newton:Newton.run": 22,
     "results/fields:write_fields": 18,
-    "results/histories:at_step": 26,
+    "results/histories:at_step": 25,
     "run/answer:Model.solve": 16,
     "run/gather:_write_steps": 18,
     "run/gather:gather_summary": 20,
@@ -73,7 +72,7 @@ LONG = {
     "decks/deck:Deck._take": 72,
     "decks/deck:Deck.mesh": 65,
     "mesh/read:read_mesh": 62,
-    "results/histories:at_step": 105,
+    "results/histories:at_step": 101,
     "run/gather:_write_steps": 64,
     "run/gather:gather_summary": 67,
     "run/gather:write_files": 86,

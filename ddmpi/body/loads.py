@@ -25,6 +25,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.formulas import evaluate, varies
 from ddmpi.scene.values import AffineVector, Vector, histories
+from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import ALIKE, SAME, in_words, moment
 
 EXACT = 1e-14
@@ -384,7 +385,8 @@ def lost_loads(
 ) -> list[str]:
     """Warnings of loads that act on clamps alone, and of groups that are loaded twice; `acting` are the loads by
     history, as of `loads_by_group`. Not collective."""
-    key, warnings, loads = f"body.{body.name}", [], Counter[tuple[str, str | None]]()
+    key, loads = f"body.{body.name}", Counter[tuple[str, str | None]]()
+    warnings = list[str]()
     for history, groups in acting.items():
         for group, f in groups:
             if group == VOLUME:
@@ -395,13 +397,17 @@ def lost_loads(
                 for forces in (f, np.einsum("kij,kj->ki", free, f))
             )
             warnings += [
-                f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
-                "this direction"
+                Doubt(
+                    f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
+                    "this direction",
+                    "lost",
+                    float(np.abs(f).sum()),
+                )
                 for axis, lost in zip("xyz", acts & ~left, strict=False)
                 if lost
             ]
     return warnings + [
-        f"{key}: {group!r} is loaded {number} times; the loads add up"
+        Doubt(f"{key}: {group!r} is loaded {number} times; the loads add up", "twice", number)
         for (group, _), number in loads.items()
         if number > 1
     ]

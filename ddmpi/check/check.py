@@ -21,7 +21,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.judge.equilibrium import describe
 from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
-from ddmpi.judge.plausible import doubt_cells, edge_lengths
+from ddmpi.judge.plausible import doubt_cells, edge_lengths, locking_of
 from ddmpi.mesh.boundary import parts_of
 from ddmpi.mesh.elements import CELLS, facet_measures
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
@@ -35,6 +35,7 @@ from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
 from ddmpi.surface.seams import surfaces
 from ddmpi.system.agreement import agreed, merged
+from ddmpi.system.doubts import condensed
 from ddmpi.system.numbers import ALIKE, in_words, moment
 from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
 
@@ -109,11 +110,13 @@ def _check(
             )
             for line in _page(assembly, bodies, interfaces, missing, free, ranks):
                 log.info("%s", line)
-            for warning in (
-                *assembly.warnings,
-                *(body.locking for body in scene.body if body.locking),
-                *overlaps,
-                *(body.doubt for body in bodies.values() if body.doubt),
+            for warning in condensed(
+                [
+                    *assembly.warnings,
+                    *locking_of(scene),
+                    *overlaps,
+                    *(body.doubt for body in bodies.values() if body.doubt),
+                ]
             ):
                 log.warning("%s", warning)
             if folder and world.rank in near:

@@ -25,7 +25,7 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
 from ddmpi.pictures.script import our_digest
 from ddmpi.results.histories import at_step, evenly
-from ddmpi.results.summary import RESIDUALS, ROWS, count, drawn_times, largest
+from ddmpi.results.summary import RESIDUALS, ROWS, count, drawn_times, largest, where
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import method_of
 from ddmpi.scene.reader import write_toml
@@ -211,6 +211,10 @@ class RunReport:
                     self.units[row.quantity],
                 )
 
+    def _places(self, of: str, key: str) -> Column:
+        """The places of the maxima of bodies or contacts; empty in results of versions before 0.19."""
+        return Column("at", [where(entry, key) for entry in self.summary[of].values()])
+
     def _table(
         self, of: str, caption: str, *keys: str | Column, entries: dict | None = None, **options
     ) -> Html:
@@ -333,7 +337,10 @@ class RunReport:
         ):
             value, of = largest(entries, f"{name}_max")
             numbers[name] = number(value, unit=self.units[unit])
-            numbers[f"{name}_of"] = "not computed" if value is None else f"of {of}"
+            place = where(entries[of], f"{name}_max") if of else ""
+            numbers[f"{name}_of"] = (
+                "not computed" if value is None else f"of {of}" + f", at {place}" * bool(place)
+            )
         return numbers
 
     def _pictures(self) -> dict[str, Any]:
@@ -381,6 +388,7 @@ class RunReport:
                 "pressure",
                 *RESULTANTS,
                 "pressure_max",
+                self._places("contacts", "pressure_max"),
                 *STATES,
             ),
             "pairing": self._table(
@@ -418,7 +426,9 @@ class RunReport:
                 "Largest displacement and stress; the reaction of clamps and foundations, where there are any",
                 "n",
                 "displacement_max",
+                self._places("bodies", "displacement_max"),
                 "von_mises_max",
+                self._places("bodies", "von_mises_max"),
                 "reaction",
                 "energy",
                 Column("supported by", supported),

@@ -43,6 +43,7 @@ from ddmpi.surface.side import Side
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, gathered, merged
 from ddmpi.system.clock import Clock
+from ddmpi.system.doubts import condensed
 from ddmpi.system.memory import free_memory
 from ddmpi.system.numbers import Frame, in_words
 
@@ -489,32 +490,34 @@ def _assemble(
 def _doubts(
     scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]
 ) -> list[str]:
-    """All warnings about a scene, in its order, from those by body and by contact."""
+    """All warnings about a scene, in its order, from those by body and by contact; one line for each kind."""
     named = {name for contact in scene.contact for name in contact.bodies}
-    return [
-        *(warning for body in scene.body for warning in by_body.get(body.name, ())),
-        *(
-            f"body.{body.name}: no contact names it; it is solved alone"
-            for body in scene.body
-            if body.name not in named and (named or len(scene.body) > 1)
-        ),
-        *(
-            f"rigid.{rigid.name}: no contact names it; nothing touches it"
-            for rigid in scene.rigid
-            if rigid.name not in named
-        ),
-        *(
-            f"history.{name}: nothing follows it"
-            for name in scene.history
-            if name not in scene.followed
-        ),
-        *(
-            "time: nothing follows a history; the loads are the same in all load steps"
-            for _ in [scene.time]
-            if scene.time is not None and not scene.followed
-        ),
-        *(warning for contact in scene.contact for warning in by_contact.get(contact.name, ())),
-    ]
+    return condensed(
+        [
+            *(warning for body in scene.body for warning in by_body.get(body.name, ())),
+            *(
+                f"body.{body.name}: no contact names it; it is solved alone"
+                for body in scene.body
+                if body.name not in named and (named or len(scene.body) > 1)
+            ),
+            *(
+                f"rigid.{rigid.name}: no contact names it; nothing touches it"
+                for rigid in scene.rigid
+                if rigid.name not in named
+            ),
+            *(
+                f"history.{name}: nothing follows it"
+                for name in scene.history
+                if name not in scene.followed
+            ),
+            *(
+                "time: nothing follows a history; the loads are the same in all load steps"
+                for _ in [scene.time]
+                if scene.time is not None and not scene.followed
+            ),
+            *(warning for contact in scene.contact for warning in by_contact.get(contact.name, ())),
+        ]
+    )
 
 
 def _side(

@@ -18,6 +18,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ActiveSet, Law, Tangent
 from ddmpi.scene.scene import Settled
 from ddmpi.sets import Box, Discs, product
+from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import in_words, norm
 
 
@@ -320,8 +321,12 @@ def kept_by_bonds(
                 replace(interface, gap=gap),
                 [
                     *warnings,
-                    f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
-                    f"overlap of {-interface.gap[kept].min():.3g} there is left out",
+                    Doubt(
+                        f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
+                        f"overlap of {-interface.gap[kept].min():.3g} there is left out",
+                        "bonds",
+                        float(-interface.gap[kept].min()),
+                    ),
                 ],
             )
     return result

@@ -18,6 +18,7 @@ from ddmpi.scene.values import Profile
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
 from ddmpi.surface.side import Side, frames, laplacian, unit
+from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import ALIKE, ROUNDING, SAME, in_words, is_touched
 
 HELD = np.sqrt(0.5) - ALIKE
@@ -498,7 +499,7 @@ def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:
 
 def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str]:
     """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
-    warnings = []
+    warnings = list[str]()
     for key, values in (
         *(("friction", value) for value in astuple(contact.friction)),
         ("gap", contact.opening[0]),
@@ -509,7 +510,10 @@ def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str
         low, high, slack = values.points[0], values.points[-1], SAME * float(np.ptp(along))
         if along.min() < low - slack or along.max() > high + slack:
             warnings.append(
-                f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, the "
-                f"contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is constant"
+                Doubt(
+                    f"contact.{interface.name}.{key}: the profile covers {values.along} from {low:g} to {high:g}, the "
+                    f"contact goes from {along.min():g} to {along.max():g}; beyond its ends the profile is constant",
+                    "profile",
+                )
             )
     return warnings

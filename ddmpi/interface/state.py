@@ -11,7 +11,7 @@ import numpy as np
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ON_BOUND, Law
 from ddmpi.sets import magnitude
-from ddmpi.system.numbers import ALIKE, RigidMotion, moment
+from ddmpi.system.numbers import ALIKE, RigidMotion, moment, place_of_largest
 
 RESULTANTS = (
     "force",
@@ -38,6 +38,7 @@ class ContactTotals(NamedTuple):
     bodies, m, law, slave : of the interface; the law by its name
     rigid : motion of the rigid partner; None if there is none
     pressure_max : largest normal stress of a node (Pa); NaN where the contact has no area
+    pressure_max_at : (d,) where, as `place_of_largest` (m); None where there is no stress
     normal_max, normal_sum : of the sizes of the nodes' normal forces (N)
     acting : sum of the sizes of the components of the nodes' forces (N)
     opening : smallest gap at and between the nodes (m)
@@ -60,6 +61,7 @@ class ContactTotals(NamedTuple):
     slave: str | None
     rigid: RigidMotion | None
     pressure_max: float
+    pressure_max_at: np.ndarray | None
     normal_max: float
     normal_sum: float
     acting: float
@@ -261,6 +263,7 @@ class ContactState:
             if interface.on_rigid
             else None,
             float(self.pressure.max(initial=-np.inf if interface.m else 0.0)),
+            place_of_largest(self.pressure[interface.lines.row], interface.lines.acting),
             float(normal.max(initial=0.0)),
             float(normal.sum()),
             float(np.abs(self.forces).sum()),

@@ -15,6 +15,8 @@ from ddmpi.scene.scene import Settled
 from ddmpi.system.numbers import in_words
 
 LOOK_BACK = 10  # number of iterations by which convergence is judged
+NO_PROGRESS = 0.98  # from this factor per iteration on the iteration does not converge
+FEW = 5  # nodes that bear, below which a finer mesh may help
 SMALLEST = 1e-15  # a residual below this cannot become smaller
 LARGE_FRICTION = (
     1.0  # from this friction coefficient on a message says that a solution need not be unique
@@ -29,12 +31,16 @@ class StatusLog:
     counts : open, slipping and sticking nodes of all contacts, by iteration
     xy : positions (d,) of the m nodes (m)
     largest_slope : largest friction coefficient
+    frictionless : whether no node slides with friction
     """
 
     def __init__(self, space: Space) -> None:
         self._space = space
         self.xy = [place for interface in space.interfaces for place in interface.xy]
         self.largest_slope = space.laws.largest_slope
+        self.frictionless = all(
+            interface.law.frictionless or interface.law.two_sided for interface in space.interfaces
+        )
         self.counts: list[tuple[int, int, int]] = []
         self._recent: deque[np.ndarray] = deque(maxlen=LOOK_BACK)
 
@@ -63,9 +69,12 @@ class StatusLog:
     def whole(self) -> Self:
         """The log of the nodes of all ranks. Collective."""
         whole, comm = type(self)(Space([])), self._space.comm
-        everyone = comm.allgather((list(self._recent), self.xy, self.largest_slope))
-        recent, places, slopes = zip(*everyone, strict=True)
+        everyone = comm.allgather(
+            (list(self._recent), self.xy, self.largest_slope, self.frictionless)
+        )
+        recent, places, slopes, smooth = zip(*everyone, strict=True)
         whole._recent.extend(np.concatenate(codes) for codes in zip(*recent, strict=True))
+        whole.frictionless = all(smooth)
         whole.xy, whole.largest_slope, whole.counts = list(chain(*places)), max(slopes), self.counts
         return whole
 
@@ -103,19 +112,62 @@ def contraction(history: list[Step], quantity: str = "update") -> float:
     return float(np.exp(np.polyfit(np.arange(len(values)), np.log(values), 1)[0]))
 
 
-def helpful(scene: Settled) -> set[str]:
-    """Changes that may help where no answer is found: less "friction", or the method "anderson", for two supported
-    bodies with one contact that is not bonded, in one load step."""
-    two = (
-        len(scene.body) == 2
-        and [contact.kind for contact in scene.contact] == ["unilateral"]
-        and not scene.time
-    )
+def helpful(scene: Settled, options: Collection[str] = ()) -> set[str]:
+    """Changes that the scene allows where no answer is found; `diagnose` tells those that fit how the run has ended.
+
+    "friction": a contact slides with friction, so that there may be less of it. "anderson": that method takes the scene:
+    two supported bodies, in one load step, with one contact that has friction; without, Newton's steps are those of an
+    active set, and another path leads nowhere else. "precision": the PETSc `options` in force set -newton_ksp_rtol.
+    Not collective.
+    """
+    rubs = [
+        contact.kind == "unilateral" and contact.friction != NoFriction()
+        for contact in scene.contact
+    ]
     changes = {
-        "friction": any(contact.friction != NoFriction() for contact in scene.contact),
-        "anderson": two and all(body.clamps for body in scene.body),
+        "friction": any(rubs),
+        "anderson": rubs == [True]
+        and len(scene.body) == 2
+        and not scene.rigid
+        and not scene.time
+        and all(body.clamps for body in scene.body),
+        "precision": "newton_ksp_rtol" in options,
     }
     return {name for name, can in changes.items() if can}
+
+
+def fitting(
+    able: Collection[str], stopped: str, history: list[Step], factor: float, log: StatusLog
+) -> set[str]:
+    """Of the changes that a scene allows those that fit how its run has ended; and "iterations", "mesh". Not collective.
+
+    Parameters
+    ----------
+    able : as of `helpful`
+    stopped : the reason of `Outer.run`
+    factor : by which the criterion shrinks per iteration, nan if unknown
+    """
+    changing, falls = len(log.unsettled()) > 0, not factor > NO_PROGRESS
+    closed = sum(log.counts[-1][1:]) if log.counts else 0
+    fits = {
+        "iterations": stopped == "max_iterations" and falls,
+        # states that go on changing are a matter of friction; a residual that stays with settled states is not
+        "friction": "friction" in able and changing and not log.frictionless,
+        "anderson": "anderson" in able and changing and bool(history[-1].update),
+        "precision": "precision" in able and not changing,
+        # few nodes that open and close in turn cannot share a force
+        "mesh": stopped == "stalled" and changing and 0 < closed < FEW,
+    }
+    return {name for name, fit in fits.items() if fit}
+
+
+def _in_words(factor: float) -> str:
+    """How an iteration converges whose criterion shrinks by a factor."""
+    if factor > 1.02:
+        return "growth"
+    if factor > NO_PROGRESS:
+        return "no progress"
+    return "slow convergence" if factor > 0.7 else "convergence"
 
 
 def diagnose(
@@ -128,7 +180,7 @@ def diagnose(
     able: Collection[str] = (),
 ) -> str:
     """A message: how the run ended, what was seen, what to try. `log` is of all nodes; `able` as of
-    `helpful`. Not collective."""
+    `helpful`. Without a change that fits there is no advice. Not collective."""
     last = history[-1]
     lines = [
         f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
@@ -143,17 +195,8 @@ def diagnose(
     elif rounding or last.update == 0.0:
         lines.append("seen: the forces no longer change" + ", rounding is reached" * rounding)
     elif np.isfinite(factor):
-        seen = (
-            "growth"
-            if factor > 1.02
-            else "no progress"
-            if factor > 0.98
-            else "slow convergence"
-            if factor > 0.7
-            else "convergence"
-        )
         lines.append(
-            f"seen: {seen}, a factor of {factor:.3f} per iteration over the last "
+            f"seen: {_in_words(factor)}, a factor of {factor:.3f} per iteration over the last "
             f"{min(LOOK_BACK, len(history) - 1)}"
         )
     nodes = log.unsettled()
@@ -168,12 +211,12 @@ def diagnose(
             f"with a friction coefficient of {log.largest_slope:g} a solution need not be unique, and "
             "there may be none near the first guess"
         )
-    lines.append(
-        "try: "
-        + (
-            "a larger method.tolerance; double precision allows no smaller one"
-            if rounding
-            else method.advice(stopped, factor, last.iteration, last.update, able)
-        )
+    fits = fitting(able, stopped, history, factor, log)
+    advice = (
+        "a larger method.tolerance; double precision allows no smaller one"
+        if rounding
+        else method.advice(stopped, factor, last.iteration, last.update, fits)
     )
+    if advice:
+        lines.append(f"try: {advice}")
     return "\n  ".join(lines)

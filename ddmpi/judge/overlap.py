@@ -19,6 +19,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.near import distance_to, in_cells, most_inside
 from ddmpi.system.agreement import gathered
+from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import ALIKE, SAME, Frame, RigidMotion, in_words
 
 RESOLVED = 1e-3  # do not warn of overlaps below this fraction of the largest displacement
@@ -149,7 +150,8 @@ def doubt_overlaps(
     solids = {
         body.number: Solid.of(body.mesh, displacements[body.spec.name]) for body in assembly.bodies
     }
-    interfaces, warnings = {body.number: body.member.interfaces for body in assembly.bodies}, {}
+    interfaces = {body.number: body.member.interfaces for body in assembly.bodies}
+    warnings = dict[tuple[bool, int, int], str]()
     boxes = gathered(world, {number: (world.rank, solid.box()) for number, solid in solids.items()})
     pairs = list(_meeting(boxes)) if world.rank == 0 else []
     near = world.scatter(
@@ -163,10 +165,13 @@ def doubt_overlaps(
     ]
     for number, solid in solids.items():
         if (own := penetrates_itself(solid)).depth:
-            warnings[False, number, number] = (
+            warnings[False, number, number] = Doubt(
                 f"body.{names[number]} penetrates itself by {own.depth:.3g} {unit}, as at "
                 f"{in_words(own.place, 4)}, where no contact keeps its sides apart; if they may touch, split it into "
-                "two bodies, bonded where they are connected"
+                "two bodies, bonded where they are connected",
+                "itself",
+                own.depth,
+                f"body.{names[number]}",
             )
     for (a, b), ranks, _ in near:
         if a in solids:
@@ -182,9 +187,12 @@ def doubt_overlaps(
             if overlap.depth:
                 touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
                 as_drawn = f" ({drawn:.3g} {unit} as drawn)" * (drawn > 0.0)
-                warnings[False, a, b] = (
+                warnings[False, a, b] = Doubt(
                     f"body.{pair[0]} and body.{pair[1]} penetrate each other by {overlap.depth:.3g} {unit}{as_drawn}, "
-                    f"as at {in_words(overlap.place, 4)}, where no contact keeps them apart; {WIDEN if touch else ADD}"
+                    f"as at {in_words(overlap.place, 4)}, where no contact keeps them apart; {WIDEN if touch else ADD}",
+                    "penetrate",
+                    overlap.depth,
+                    f"body.{pair[0]}-{pair[1]}",
                 )
     MPI.Request.waitall(sending)
     warnings |= _doubt_rigid(assembly, contacts, solids)
@@ -425,10 +433,12 @@ def _in_partner(
     sunk = np.where(between, depth - np.maximum(at_ends.max(axis=1), 0.0) - 0.25 * size, 0.0)
     k = int(np.argmax(sunk))
     if sunk[k] > 0.0:
-        return (
+        return Doubt(
             f"contact.{contacts[0].name}: {rigid.name} is small beside the distance of nodes of {name}, and "
             f"penetrates it by {depth[k]:.3g} {unit} between two of them, as at {in_words(moved[k], 4)}; refine "
-            "the mesh there"
+            "the mesh there",
+            "small",
+            float(depth[k]),
         )
     least = ALIKE * extent
     if (
@@ -446,7 +456,12 @@ def _in_partner(
         if contacts
         else "no contact keeps them apart:"
     )
-    return (
+    if not beside[k] > least:
+        return ""
+    return Doubt(
         f"{where} {name} penetrates {rigid.name} by {depth[k]:.3g} {unit}, as at {in_words(moved[k], 4)}; "
-        f"{WIDEN if contacts else ADD}{rigid.crossed}"
-    ) * bool(beside[k] > least)
+        f"{WIDEN if contacts else ADD}{rigid.crossed}",
+        "through",
+        float(depth[k]),
+        f"body.{name}-{rigid.name}",
+    )

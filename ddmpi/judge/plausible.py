@@ -10,12 +10,15 @@ from scipy.sparse import csgraph
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState, ContactTotals
-from ddmpi.judge.overlap import RESOLVED, Solid, doubt_overlaps
+from ddmpi.judge.edges import Singular, boundary_of, within
+from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import REGULAR, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
 from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import gathered
+from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import SAME, in_words
 
 LIMIT = {
@@ -52,19 +55,39 @@ def edge_lengths(mesh: Mesh) -> np.ndarray:
     return np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
 
 
+def locking_of(scene: Settled) -> list[str]:
+    """Warnings of bodies whose linear elements lock. Not collective."""
+    return [
+        Doubt(body.locking, "locking", body.locking_ratio or 0.0, f"body.{body.name}")
+        for body in scene.body
+        if body.locking
+    ]
+
+
+def qualities(mesh: Mesh) -> np.ndarray:
+    """(nt,) measures of cells over those of regular ones with edges as long in the mean: 1 for a regular cell, 0 for a
+    degenerate one. Not collective."""
+    mean = np.sqrt((edge_lengths(mesh) ** 2).mean(axis=1))
+    return signed_measures(mesh.points, mesh.corners) / (
+        REGULAR[mesh.dimension] * mean**mesh.dimension
+    )
+
+
 def doubt_cells(mesh: Mesh, name: str) -> str:
     """A warning of thin cells of a body's mesh; empty if there are none. Not collective."""
-    # 1 for a regular cell, 0 for a degenerate one
-    regular = (
-        REGULAR[mesh.dimension] * np.sqrt((edge_lengths(mesh) ** 2).mean(axis=1)) ** mesh.dimension
-    )
-    quality = signed_measures(mesh.points, mesh.corners) / regular
+    quality = qualities(mesh)
     worst, poor = int(quality.argmin()), int((quality < LIMIT["thin"]).sum())
     return (
-        f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
-        f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of "
-        "a regular one; stresses are poor there"
-    ) * (poor > 0)
+        Doubt(
+            f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
+            f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of "
+            "a regular one; stresses are poor there",
+            "thin",
+            -float(quality[worst]),
+        )
+        if poor
+        else ""
+    )
 
 
 def doubt_shape(mesh: Mesh, name: str) -> str:
@@ -73,9 +96,15 @@ def doubt_shape(mesh: Mesh, name: str) -> str:
     sizes = np.ptp(mesh.points @ np.linalg.svd(np.cov(mesh.points.T))[0], axis=0)
     ratio = sizes.max() / max(sizes.min(), np.finfo(float).tiny)
     return (
-        f"body.{name}: it is about {ratio:.0f} times as long as it is thick; so slender a body bends far more than "
-        "its contacts deform, and its contact forces may be lost in rounding"
-    ) * (bool(ratio > LIMIT["slender"]))
+        Doubt(
+            f"body.{name}: it is about {ratio:.0f} times as long as it is thick; so slender a body bends far more than "
+            "its contacts deform, and its contact forces may be lost in rounding",
+            "slender",
+            float(ratio),
+        )
+        if ratio > LIMIT["slender"]
+        else ""
+    )
 
 
 def doubt_answer(
@@ -158,9 +187,11 @@ def _left(assembly: Assembly, state: ContactState) -> Iterator[str]:
     """That bodies that move far have left each other, where they do not face each other any more."""
     interface = state.interface
     if assembly.far is not None and not interface.m:
-        yield (
+        yield Doubt(
             f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other; the contact "
-            "carries no forces"
+            "carries no forces",
+            "apart",
+            0.0,
         )
 
 
@@ -168,9 +199,11 @@ def _few_nodes(state: ContactState) -> Iterator[str]:
     """A warning where few nodes of bodies that move far are closed: as nodes open and close forces ripple, too."""
     closed = int((state.status != "open").sum())
     if 0 < closed < LIMIT["few"]:
-        yield (
+        yield Doubt(
             f"contact.{state.interface.name}: only {closed} closed node{'s' * (closed != 1)}, too few to resolve "
-            "the pressure; forces ripple as nodes open and close; refine the mesh there"
+            "the pressure; forces ripple as nodes open and close; refine the mesh there",
+            "few",
+            -float(closed),
         )
 
 
@@ -181,9 +214,11 @@ def _large_motion(
     moved, extent = float(np.linalg.norm(u, axis=1).max()), body.mesh.extent
     if moved > LIMIT["motion"] * extent:
         unit = units["length"]
-        yield (
+        yield Doubt(
             f"body.{body.spec.name}: its largest displacement of {moved:.3g} {unit} is {moved / extent:.2g} times "
-            f"its size ({extent:.3g} {unit}); small-strain theory requires small displacements"
+            f"its size ({extent:.3g} {unit}); small-strain theory requires small displacements",
+            "motion",
+            moved / extent,
         )
     elif strains:
         yield from _large_gradient(body, u)
@@ -204,10 +239,12 @@ def _unresolved(
     for name, acting in pressed.items():
         acting = max(loads.get(name, 0.0), acting)
         if 0.0 < acting < LIMIT["light"] * most:
-            yield (
+            yield Doubt(
                 f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are negligible beside the loads of "
                 f"{most:.3g} {unit} of another body, so that the answer does not show whether anything supports "
-                "it; solve it without the other body"
+                "it; solve it without the other body",
+                "light",
+                -acting,
             )
 
 
@@ -236,9 +273,11 @@ def _points_that_carry(
         if (
             alone and (force > np.maximum(least, 2.0 * loads[nodes])).any()
         ):  # loads at the point itself do not count
-            yield (
+            yield Doubt(
                 f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} {units['force']}; its "
-                "displacement grows without limit as the mesh is refined, so clamp a boundary group instead"
+                "displacement grows without limit as the mesh is refined, so clamp a boundary group instead",
+                "point",
+                float(force.max()),
             )
 
 
@@ -265,12 +304,28 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
     ]
 
 
-def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) -> list[str]:
-    """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite.
-    `stresses` (nt,) are von Mises stresses (Pa) of this rank's bodies; None where they are not wanted. Collective."""
-    unit = assembly.scene.units["stress"]
+def doubt_stress(
+    assembly: Assembly,
+    stresses: Mapping[str, np.ndarray | None],
+    edges: Mapping[str, list[Singular]] | None = None,
+) -> list[str]:
+    """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite, or in
+    a thin cell. Collective.
+
+    Parameters
+    ----------
+    stresses : (nt,) von Mises stresses (Pa) of this rank's bodies; None where they are not wanted
+    edges : by body where those of its contacts are infinite, as of `doubt_edges`
+    """
+    unit, edges = assembly.scene.units["stress"], edges or {}
     of_rank = {
-        body.spec.name: (float(sigma.max()), _singular(body, sigma, unit))
+        body.spec.name: (
+            float(sigma.max()),
+            [
+                *_singular(body, sigma, unit, edges.get(body.spec.name, ())),
+                *_in_thin_cell(body, sigma, unit),
+            ],
+        )
         for body in assembly.bodies
         for sigma in [stresses[body.spec.name]]
         if sigma is not None
@@ -285,42 +340,69 @@ def doubt_stress(assembly: Assembly, stresses: Mapping[str, np.ndarray | None]) 
     ]
 
 
-def _singular(body: Body, stress: np.ndarray, unit: str) -> list[str]:
-    """A warning where the largest of the stresses (nt,) of a body is at a re-entrant corner (in space an edge) or where
-    a clamp ends, but not where it ends at an outer corner, a much weaker singularity. A facet is clamped if it belongs
-    to a clamp's group: clamps of the faces around a free one may constrain all nodes of its facets.
+def _in_thin_cell(body: Body, stress: np.ndarray, unit: str) -> Iterator[str]:
+    """A warning where the largest of the stresses (nt,) of a body is that of a thin cell among good ones, and of no
+    other one. In a layer whose cells are all thin, in the same way, stresses are not poor."""
+    quality, k = qualities(body.mesh), int(stress.argmax())
+    largest = stress >= (1.0 - SAME) * stress[k]
+    nodes = np.unique(body.mesh.corners[largest])
+    around = np.isin(body.mesh.corners, nodes).any(axis=1)
+    thin = quality < LIMIT["thin"]
+    if thin[largest].all() and np.median(quality[around]) > 2.0 * LIMIT["thin"]:
+        place = in_words(body.mesh.points[body.mesh.corners[k]].mean(axis=0), 4)
+        yield Doubt(
+            f"body.{body.spec.name}.mesh: the largest von Mises stress, {stress[k]:.4g} {unit}, is in a thin cell at "
+            f"{place} with {quality[k]:.2g} of the measure of a regular one; stresses are poor there",
+            "stress in a thin cell",
+            float(stress[k]),
+        )
+
+
+def _singular(
+    body: Body, stress: np.ndarray, unit: str, edges: Sequence[Singular] = ()
+) -> list[str]:
+    """A warning where the largest of the stresses (nt,) of a body is at a re-entrant corner (in space an edge), at one
+    of the `edges` of its contacts, or where a clamp ends, but not where it ends at an outer corner, a much weaker
+    singularity. A facet is clamped if it belongs to a clamp's group: clamps of the faces around a free one may
+    constrain all nodes of its facets.
     """
-    points, facets, d = (
-        body.mesh.points,
-        Solid.of(body.mesh, np.zeros(1)).facets,
-        body.mesh.dimension,
+    mesh = body.mesh
+    points, (facets, bends) = mesh.points, boundary_of(mesh)
+    clamped = within(
+        mesh,
+        facets,
+        [mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.groups],
     )
-    bends = creases(points, facets[:, :-1], points[facets[:, 0]] - points[facets[:, -1]])
-    groups = [
-        body.mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in body.mesh.groups
-    ]
-    clamped_facets = [group[:, body.mesh.cell.facet.parts].reshape(-1, d) for group in groups]
-    both = np.sort(np.concatenate([facets[:, :-1], *clamped_facets]), axis=1)
-    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
-    clamped = np.isin(number[: len(facets)], number[len(facets) :])
     ends = (clamped[bends.facets].sum(axis=1) == 1) & (bends.turn < SHARPEST)
     largest = stress >= (1.0 - SAME) * stress.max()
     if largest.all():  # a constant stress grows nowhere
         return []
-    top = np.unique(body.mesh.triangles[largest])
-    corner = {2: "corner", 3: "edge"}[body.mesh.dimension]
-    for what, where, cure in (
-        (
-            f"a re-entrant {corner}",
-            bends.turn < -SHARPEST,
-            "; round it in the drawing, or take the stress beside it",
-        ),
-        ("the end of a clamp", ends, "; take the stress beside it"),
-    ):
-        for place in points[np.intersect1d(bends.nodes[where], top)[:1]]:
+    top = np.unique(mesh.triangles[largest])
+    corner = {2: "corner", 3: "edge"}[mesh.dimension]
+    beside = "take the stress beside it"
+    drawn = "round it in the drawing, or " if body.spec.mesh.drawn else ""
+    where = [
+        (points[np.intersect1d(bends.nodes[chosen], top)], what, cure)
+        for chosen, what, cure in (
+            (bends.turn < -SHARPEST, f"a re-entrant {corner}", drawn + beside),
+            (ends, "the end of a clamp", beside),
+        )
+    ]
+    for known in edges:
+        reach = edge_lengths(mesh)[largest].max()
+        for place, what in zip(known.places, known.what, strict=True):
+            near = bool(np.linalg.norm(points[top] - place, axis=1).min() <= reach)
+            where.append((place[None][: int(near)], what, beside))
+    for places, what, cure in where:
+        if len(places):
+            place = places[np.lexsort(places.T[::-1])[0]]
             return [
-                f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, is at {what} "
-                f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined{cure}"
+                Doubt(
+                    f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, is at {what} "
+                    f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined; {cure}",
+                    "infinite stress",
+                    float(stress.max()),
+                )
             ]
     return []
 
@@ -336,9 +418,11 @@ def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str
         and moved
         and widest <= LIMIT["undecided"] * moved
     ):
-        yield (
+        yield Doubt(
             f"contact.{name}: rounding decides that it is open: its gaps, up to {widest:.3g} {length}, are "
-            f"negligible beside the displacements of up to {moved:.3g} {length}"
+            f"negligible beside the displacements of up to {moved:.3g} {length}",
+            "undecided",
+            moved,
         )
         return
     # rounding of the displacements of both bodies, times the stiffness of a node against a gap
@@ -346,10 +430,12 @@ def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str
         2.0 * float(state.interface.stiffness.max(initial=0.0)) * float(np.finfo(float).eps) * moved
     )
     if largest and not noise <= LIMIT["rounding"] * largest:
-        yield (
+        yield Doubt(
             f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "
             f"{force} at a node): the bodies move by {moved:.3g} {length}, and rounding of this motion causes "
-            f"forces of {noise:.1g} {force}"
+            f"forces of {noise:.1g} {force}",
+            "uncertain",
+            noise / largest,
         )
 
 
@@ -366,10 +452,12 @@ def _held_through_air(state: ContactState, least: float, unit: str) -> Iterator[
         k = int(
             np.argmax(np.where(air > 0.0, air * state.gap, -np.inf))
         )  # of many that all bear their bound
-        yield (
+        yield Doubt(
             f"contact.{name}: friction of open nodes bears {air.sum() / sizes.sum():.0%} of its forces, as at "
             f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g} {unit}: the bound of law = "
-            f'"{law}" asks for no pressure; with law = "coulomb" open nodes have no friction'
+            f'"{law}" asks for no pressure; with law = "coulomb" open nodes have no friction',
+            "air",
+            float(air.sum()),
         )
 
 
@@ -387,10 +475,12 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
         slave = interface.side(interface.slave)
         if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
             other = f" or write slave = {interface.bodies[1 - slave]!r}"
-    yield (
+    yield Doubt(
         f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
         f"as at {place}, while contact forces move them by at most {state.yielding:.3g} {unit}; refine the "
-        f"mesh{other}"
+        f"mesh{other}",
+        "between",
+        float(overlap[k]),
     )
 
 
@@ -434,10 +524,12 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     )
     if poor.any():
         k = int(np.argmax(np.where(poor, force, -np.inf)))
-        yield (
+        yield Doubt(
             f"contact.{interface.name}: the pressure at {in_words(interface.xy[zone == k].mean(axis=0), 4)} is on "
             f"too few nodes to resolve it, {size[k]:.0f}: the total force is right, the largest pressure and the "
-            "approach of the bodies are not; refine the mesh there"
+            "approach of the bodies are not; refine the mesh there",
+            "zone",
+            float(force[k]),
         )
 
 
@@ -455,9 +547,11 @@ def _large_gradient(body: Body, u: np.ndarray) -> Iterator[str]:
     if size.max(initial=0.0) > LIMIT["gradient"]:
         k = int(np.argmax(size))
         place = in_words(body.mesh.points[corners[large[k]]].mean(axis=0), 4)
-        yield (
+        yield Doubt(
             f"body.{body.spec.name}: strains and rotations reach {size[k]:.2g}, as at {place}; small-strain theory "
-            "requires small ones"
+            "requires small ones",
+            "gradient",
+            float(size[k]),
         )
 
 
@@ -481,10 +575,11 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> Ite
     k = int(np.argmax(slid))
     if slid[k] > limit:
         place = in_words(interface.xy[k], 4)
-        yield f"contact.{interface.name}: " + (
+        said = f"contact.{interface.name}: " + (
             f"node pairs slid up to {slid[k]:.3g} times the distance of their neighbours, as at {place}; they are no "
             "longer opposite each other"
             if rigid is None
             else f"nodes slid around {rigid.name!r} by up to {slid[k]:.2g} times its radius, as at {place}; normals are "
             "those before the motion"
         )
+        yield Doubt(said, "slid" if rigid is None else "turned", float(slid[k]))

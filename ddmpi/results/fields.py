@@ -7,6 +7,7 @@ from typing import Any, Self
 from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 import numpy as np
+import scipy.sparse as sparse
 from mpi4py import MPI
 
 from ddmpi.body.stress import principal, turned, von_mises
@@ -15,6 +16,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.tables import Columns, Results, datasets, leg_values
 from ddmpi.surface.curve import in_order
+from ddmpi.surface.outline import Outline
 from ddmpi.system.agreement import gathered
 from ddmpi.system.files import contact_files, write_rows, writing
 from ddmpi.system.numbers import Frame
@@ -35,6 +37,9 @@ AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
 AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")
 """Fields of a contact as vectors: the friction on the first body, and its slip past the second."""
 
+THAT_ADD_UP = ("normal_force", "force")
+"""Fields of a contact that are shares of its resultants: their sums over the points are those of the summary."""
+
 AT_STEPS = (
     "displacement",
     "displacement_in_frame",
@@ -45,6 +50,7 @@ AT_STEPS = (
     "error",
     *AT_CONTACT,
     *AT_CONTACT_IN_SPACE,
+    *THAT_ADD_UP,
 )
 """The datasets that differ from load step to load step."""
 
@@ -56,6 +62,8 @@ AT_NODES = (
     "initial_gap",
     *AT_CONTACT,
     *AT_CONTACT_IN_SPACE,
+    "normal_force",
+    "force",
 )
 """What has a row per node; all else has a row per cell."""
 
@@ -202,11 +210,13 @@ def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:
     """Points (n, 3) and cells (c, d) of what a contact covers, to its true outline, initial_gap and AT_CONTACT (n, …).
 
-    In space also AT_CONTACT_IN_SPACE (n, 3). `values` are `leg_values`, by default the present ones. Not collective.
+    In space also AT_CONTACT_IN_SPACE (n, 3). THAT_ADD_UP are the forces on the first body at the points (N), around an
+    axis of the whole circumference. `values` are `leg_values`, by default the present ones. Not collective.
     """
     interface = state.interface
     outline = interface.outline
     assert outline is not None
+    forces = _forces_of(state, values)
     values = leg_values(state) if values is None else values
     most = np.zeros(len(outline.xy), int)  # a status is that of the row with the largest share
     entries = outline.shares.tocoo()
@@ -225,7 +235,45 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
         data |= zip(
             AT_CONTACT_IN_SPACE, (outline.shares @ friction, outline.shares @ slip), strict=True
         )
-    return data
+    at_points = shared_out(outline, forces)
+    return data | {"normal_force": at_points[:, 0], "force": _padded(at_points[:, 1:])}
+
+
+def _forces_of(state: ContactState, values: np.ndarray | None) -> np.ndarray:
+    """(m, 1 + d) normal forces of the rows and their forces on the first body (N); of another load step by its
+    `leg_values`, where bodies that move far have other rows than the state has forces."""
+    if values is None:
+        return np.column_stack([state.normal_force, state.forces])
+    interface = state.interface
+    normal, along = (values[:, k] * interface.area for k in range(2))
+    if len(values.T) > len(AT_CONTACT):
+        return np.column_stack([normal, values[:, len(AT_CONTACT) : len(AT_CONTACT) + 3]])
+    force = -normal[:, None] * interface.normal - along[:, None] * interface.frame[:, 1]
+    return np.column_stack([normal, force])
+
+
+def shared_out(outline: Outline, forces: np.ndarray) -> np.ndarray:
+    """(n, k) at the points of an outline, of `forces` (m, k) of the rows: each row's are divided among the points whose
+    values it has a share in, by share and measure, so that sums are kept to rounding. Not collective.
+
+    Integrals of interpolated stresses are not: a row's stress is its force over the integral of its shape function,
+    which on pieces of facets, and of quadratic ones, is not that of the interpolation.
+    """
+    number, width = outline.cells.shape
+    measures = np.zeros(len(outline.xy))
+    if number:
+        ends = outline.xy[outline.cells]
+        edges = ends[:, 1:] - ends[:, :1]
+        sizes = np.sqrt(np.abs(np.linalg.det(edges @ edges.transpose(0, 2, 1))))
+        np.add.at(measures, outline.cells.ravel(), np.repeat(sizes, width))
+    shares = outline.shares.tocoo()
+    positive = np.maximum(shares.data, 0.0)
+    weights = positive * measures[shares.row]
+    columns = outline.shares.shape[1]
+    alone = np.bincount(shares.col, weights, columns) <= 0.0  # only points that stand by themselves
+    weights = np.where(alone[shares.col], positive, weights)
+    weights /= np.bincount(shares.col, weights, columns)[shares.col]
+    return sparse.csr_matrix((weights, (shares.row, shares.col)), outline.shares.shape) @ forces
 
 
 def table_fields(state: ContactState, far: bool = False) -> dict[str, np.ndarray]:

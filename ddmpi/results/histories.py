@@ -12,7 +12,7 @@ from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
-from ddmpi.results.summary import drawn_times, plain
+from ddmpi.results.summary import drawn_times, place_of_all, plain
 from ddmpi.results.tables import (
     PATH,
     Columns,
@@ -25,7 +25,7 @@ from ddmpi.results.tables import (
     write_table,
 )
 from ddmpi.surface.near import contained
-from ddmpi.system.numbers import Frame, in_words
+from ddmpi.system.numbers import Frame, in_words, place_of_largest
 
 INSIDE, OUTSIDE = -1e-6, -0.05
 """A place is in a cell if its barycentric coordinates are above INSIDE, hardly outside if they are above OUTSIDE."""
@@ -183,7 +183,7 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         }
     entry = next(step for step in results.summary["steps"] if step["time"] == time)
     totals, rigid, forces = entry["contacts"], entry.get("rigid", {}), entry.get("bodies", {})
-    moved, owner = np.linalg.norm(fields["displacement"], axis=1), owners(results)
+    moved, owner = _moved(fields), owners(results)
     unknown: dict[str, Any] = {
         "energy": None,
         "reaction": (None,) * results.dimension,
@@ -192,20 +192,13 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         "reactions": {},
     }
     bodies = {
-        name: entry
-        | unknown
-        | forces.get(name, {})
-        | {"displacement_max": float(moved[owner == k].max())}
-        | (
-            {"von_mises_max": float(fields["von_mises"][fields["body"] == k].max())}
-            if "von_mises" in fields
-            else {}
-        )
+        name: entry | unknown | forces.get(name, {}) | _extremes(results, fields, moved, owner, k)
         for k, (name, entry) in enumerate(results.summary["bodies"].items())
     }
     unknown = dict.fromkeys(("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound"))
     summary = results.summary | {
         "displacement_max": float(moved.max()),
+        "displacement_max_at": plain(place_of_all(bodies.values(), "displacement_max")),
         "bodies": bodies,
         "rigid": rigid,
         "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
@@ -217,6 +210,9 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
                 "dissipated": entry["dissipated"],
                 # None where the contact has no rows, or no area, and stresses are NaN
                 "pressure_max": plain(contacts[name]["normal_stress"].max(initial=-np.inf)),
+                "pressure_max_at": plain(
+                    place_of_largest(contacts[name]["normal_stress"], vectors(contacts[name]))
+                ),
             }
             for name, entry in results.summary["contacts"].items()
         },
@@ -235,6 +231,33 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
         surfaces=surfaces,
         facets=facets or results.facets,
     )
+
+
+def _moved(fields: Columns) -> np.ndarray:
+    """(nv,) sizes of displacements, of bodies that move far in their frames (m)."""
+    displaced = "displacement_in_frame" if "displacement_in_frame" in fields else "displacement"
+    return np.linalg.norm(fields[displaced], axis=1)
+
+
+def _extremes(
+    results: Results, fields: Columns, moved: np.ndarray, owner: np.ndarray, k: int
+) -> dict[str, Any]:
+    """Largest displacement and stress of the k-th body, with their places; `moved` (nv,) are sizes of displacements."""
+    mine = owner == k
+    far = fields["displacement"] if "displacement_in_frame" in fields else 0.0
+    points = (fields["points"] + far)[:, : results.dimension]  # where bodies that move far are now
+    found = {
+        "displacement_max": float(moved[mine].max()),
+        "displacement_max_at": plain(place_of_largest(moved[mine], points[mine])),
+    }
+    if "von_mises" in fields:
+        own = fields["body"] == k
+        stress, corners = fields["von_mises"][own], fields["cells"][own][:, : results.dimension + 1]
+        found |= {
+            "von_mises_max": float(stress.max()),
+            "von_mises_max_at": plain(place_of_largest(stress, points[corners].mean(axis=1))),
+        }
+    return found
 
 
 def _means(sides: Columns, nodes: Columns, axisymmetric: bool) -> Columns:

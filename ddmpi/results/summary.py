@@ -16,7 +16,7 @@ from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
 from ddmpi.scene.method import Cycle, units
 from ddmpi.system.files import MECHANISM, writing
-from ddmpi.system.numbers import RigidMotion, moment
+from ddmpi.system.numbers import RigidMotion, in_words, moment, place_of_largest
 
 PRECISION = 1e-8  # components of a force below this fraction of it are told as zero: rounding, and errors of iterations
 
@@ -93,11 +93,31 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
         return f"{value} {row.words}"
     unit = "rad" if row.quantity == "angle" else summary["units"][row.quantity]
     if not isinstance(value, list):
-        return f"{row.words} {as_float(value):.{digits}g} {unit}"
+        place = where(summary[table][name], key)
+        return f"{row.words} {as_float(value):.{digits}g} {unit}" + f" at {place}" * bool(place)
     components = np.array([as_float(component) for component in value])
     components[np.abs(components) < PRECISION * np.linalg.norm(components)] = 0.0
     return (
         f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
+    )
+
+
+def where(entry: Mapping[str, Any], key: str) -> str:
+    """The place of a maximum of a summary's entry in words, such as "(1.5, 2)"; empty if it has none."""
+    place = entry.get(f"{key}_at")
+    return in_words(np.array(place, float), 4) if place is not None else ""
+
+
+def place_of_all(entries: Iterable[Mapping[str, Any]], key: str) -> np.ndarray | None:
+    """The place of the largest value of several entries, by their own largest values and places."""
+    placed = [entry for entry in entries if entry.get(f"{key}_at") is not None]
+    return (
+        place_of_largest(
+            np.array([entry[key] for entry in placed]),
+            np.array([entry[f"{key}_at"] for entry in placed]),
+        )
+        if placed
+        else None
     )
 
 
@@ -110,12 +130,19 @@ def count(contacts: Iterable[Mapping[str, Any]]) -> str:
 
 
 def largest(entries: Mapping[str, Mapping], key: str) -> tuple[float | None, str]:
-    """The largest value of the `entries`, and its name; None, and the first name, if all are None."""
+    """The largest value of the `entries`, and its name; None, and the first name, if all are None. Of values that are
+    equal but for rounding, that of the place which `place_of_all` has."""
     name = max(
         entries,
         default="",
         key=lambda name: -math.inf if entries[name][key] is None else entries[name][key],
     )
+    if name and entries[name].get(f"{key}_at") is not None:
+        placed = {other: entry for other, entry in entries.items() if entry[key] is not None}
+        place = plain(place_of_all(placed.values(), key))
+        name = next(
+            (other for other, entry in placed.items() if plain(entry[f"{key}_at"]) == place), name
+        )
     return entries[name][key] if name else None, name
 
 
@@ -186,6 +213,7 @@ def summarize(
             "rigid": rigid_partners(contacts.values()),
             "certificate": {kind: value for kind, (value, _) in certificate.worst().items()},
             "displacement_max": np.max([body["displacement_max"] for body in bodies.values()]),
+            "displacement_max_at": place_of_all(bodies.values(), "displacement_max"),
             "units": units(scene, dimension),
             **run,
             "seconds": {},
@@ -290,6 +318,7 @@ def _contact(totals: ContactTotals) -> dict:
         "friction": totals.law,
         **plain(totals.resultants),
         "pressure_max": totals.pressure_max,
+        "pressure_max_at": totals.pressure_max_at,
         "pointwise_penetration": totals.deepest,
         "moment_imbalance": imbalance,
         "moment_imbalance_bound": bound,

@@ -21,7 +21,7 @@ from ddmpi.mesh.build import kind_of_files
 from ddmpi.methods.newton import Newton
 from ddmpi.petsc.options import RunOptions
 from ddmpi.results.fields import Fields, table_fields
-from ddmpi.results.summary import ROWS, as_float
+from ddmpi.results.summary import ROWS, as_float, where
 from ddmpi.results.tables import STATUS, chains
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, NAMED, describe_contact
@@ -115,7 +115,8 @@ class Answer:
         summary, contacts = self.summary, list(self.summary["contacts"])
         lines = [
             f"Answer({summary['title']!r}, certified={self.certified}, reason={self.reason!r})",
-            f"largest displacement {summary['displacement_max']:.4g} {summary['units']['length']}",
+            f"largest displacement {summary['displacement_max']:.4g} {summary['units']['length']}"
+            + f" at {where(summary, 'displacement_max')}" * (summary["displacement_max"] > 0.0),
             *(
                 describe_contact(summary, name, self.contacts[name].interface.bodies[0])
                 for name in contacts[:LISTED]

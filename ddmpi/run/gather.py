@@ -3,7 +3,6 @@
 import itertools
 import logging
 import math
-import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -50,7 +49,9 @@ from ddmpi.run.report import describe_files
 from ddmpi.run.solve import Solution
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
+from ddmpi.system.doubts import Doubt
 from ddmpi.system.files import contact_files
+from ddmpi.system.numbers import place_of_largest
 from ddmpi.system.provenance import has_matplotlib, peak_memory, provenance
 
 log = logging.getLogger("ddmpi")
@@ -85,7 +86,7 @@ class StepLog:
     """
 
     def __init__(self) -> None:
-        self.doubts, self.derived = dict[str, str](), (dict[str, Any](), dict[str, Any]())
+        self.doubts, self.derived = dict[str, Doubt](), (dict[str, Any](), dict[str, Any]())
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
         self.run, self.change = 0, math.nan
         self.cycle: int | None = None
@@ -150,13 +151,14 @@ class StepLog:
             self.steps[-1]["derivatives"] = self.derived[0]
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
-        """Note the warnings of the answer at the end of a leg; of those that differ only in numbers, the first."""
+        """Note the warnings of the answer at the end of a leg; of one kind about one thing, the first."""
         for warning in warnings:
-            self.doubts.setdefault(_kind(warning), f"{warning} (at time {time:g})")
+            doubt = warning if isinstance(warning, Doubt) else Doubt(warning)
+            self.doubts.setdefault(_key(doubt), doubt.at_time(time))
 
     def doubts_beside(self, warnings: Sequence[str]) -> list[str]:
-        """The doubts of a kind that is not among the `warnings` of the last step."""
-        known = {_kind(warning) for warning in warnings}
+        """The doubts that are not among the `warnings` of the last step, by their kind and what they are about."""
+        known = {_key(warning) for warning in warnings}
         return [doubt for kind, doubt in self.doubts.items() if kind not in known]
 
     def excess(self, since: dict[str, Any], given: float = 0.0) -> float:
@@ -195,7 +197,7 @@ class StepLog:
                 "kept": {
                     str(k): list(column) for k, column in enumerate(zip(*self.kept, strict=True))
                 },
-                "doubts": tuple(self.doubts.items()),
+                "doubts": tuple(doubt.parts for doubt in self.doubts.values()),
             }
         )
 
@@ -206,12 +208,15 @@ class StepLog:
             (float(time), *row) for time, *row in zip(*state["kept"].values(), strict=True)
         ]
         self.run, self.change, self.cycle = state["cycles"]
-        self.doubts, self.most = dict(state["doubts"]), {name: state[name] for name in self.most}
+        found = [Doubt.of_parts(*parts) for parts in state["doubts"]]
+        self.doubts = {_key(doubt): doubt for doubt in found}
+        self.most = {name: state[name] for name in self.most}
 
 
-def _kind(warning: str) -> str:
-    """A warning without its numbers; those in names of bodies stay."""
-    return re.sub(r"(?<![\w-])-?\d+(\.\d*)?(e[-+]?\d+)?", "#", warning)
+def _key(warning: str) -> str:
+    """By which two warnings of load steps are told apart: their kind, and what they are about."""
+    doubt = warning if isinstance(warning, Doubt) else Doubt(warning)
+    return f"{doubt.kind} {' '.join(doubt.of)}"
 
 
 def gather_summary(
@@ -244,7 +249,7 @@ def gather_summary(
             body.number,
             (
                 body.spec.name,
-                _body(body, solution, error, fields.get(body.spec.name), ranks, memory)
+                _body(assembly, body, solution, error, fields, ranks, memory)
                 | (
                     forces_by_group(
                         body, solution.displacements[body.spec.name], s, factors, assembly.frames
@@ -321,22 +326,30 @@ def _with_middles(body: Body) -> float:
 
 
 def _body(
+    assembly: Assembly,
     body: Body,
     solution: Solution,
     error: DiscretizationError,
-    fields: Fields | None,
+    fields: dict[str, Fields],
     ranks: list[int],
     memory: float,
 ) -> dict:
     """The summary's entry of a body of this rank; its `ranks` have used up to `memory` MiB. Not collective."""
     member, name = body.member, body.spec.name
-    estimate, stress = error.estimates.get(name), fields.von_mises if fields else None
+    estimate, stress = error.estimates.get(name), fields[name].von_mises if name in fields else None
+    moved, points = np.linalg.norm(solution.displacements[name], axis=1), body.mesh.points
+    if frame := assembly.frames.get(name):
+        points = frame.at(points + solution.displacements[name])  # where the body is now
     return {
         "n": member.elasticity.n,
         "ranks": ranks,
         "held": member.elasticity.supported,
-        "displacement_max": float(np.linalg.norm(solution.displacements[name], axis=1).max()),
+        "displacement_max": float(moved.max()),
+        "displacement_max_at": place_of_largest(moved, points),
         "von_mises_max": None if stress is None else float(stress.max()),
+        "von_mises_max_at": None
+        if stress is None
+        else place_of_largest(stress, points[body.mesh.corners].mean(axis=1)),
         "energy": estimate
         and estimate.energy / 2,  # by the stresses: rigid motions add no rounding
         "discretization_error": error.by_body.get(name),

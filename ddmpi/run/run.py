@@ -16,11 +16,19 @@ from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import WorkingRanks, on_working_ranks, team_of
 from ddmpi.coupling.team import Team
 from ddmpi.derive.entries import ENOUGH
-from ddmpi.errors import InputError, NotConvergedError, SolverError, naming
+from ddmpi.errors import DdmpiError, InputError, NotConvergedError, SolverError, naming
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose, helpful
-from ddmpi.judge.plausible import doubt_answer, doubt_cells, doubt_mesh, doubt_shape, doubt_stress
+from ddmpi.judge.edges import doubt_edges
+from ddmpi.judge.plausible import (
+    doubt_answer,
+    doubt_cells,
+    doubt_mesh,
+    doubt_shape,
+    doubt_stress,
+    locking_of,
+)
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.refine import Sizes
 from ddmpi.methods.outer import outer_from_outside
@@ -36,8 +44,9 @@ from ddmpi.run.places import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution
 from ddmpi.scene.scene import Settled
-from ddmpi.system.agreement import agreed, gathered, merged
+from ddmpi.system.agreement import agree_on_mistake, agreed, explained, gathered, merged
 from ddmpi.system.clock import Clock
+from ddmpi.system.doubts import Doubt, condensed
 from ddmpi.system.provenance import versions
 
 log = logging.getLogger("ddmpi")
@@ -64,11 +73,18 @@ def run(
 
 class Cases:
     """Cases of one scene, each of which takes from those before what it does not change, unless nothing is to be kept,
-    as for a single case. Collective on `world`."""
+    as for a single case. Collective on `world`.
 
-    def __init__(self, world: MPI.Comm, keep: bool = True) -> None:
+    Parameters
+    ----------
+    survive : whether a mistake of the program that all ranks meet becomes an InternalError, so that other cases can
+        follow; not where bodies have several ranks
+    """
+
+    def __init__(self, world: MPI.Comm, keep: bool = True, survive: bool = False) -> None:
         self._ranks, self._keep, self._kept = WorkingRanks(world), keep, Kept(locked=True)
         self._team: Team | None = None
+        self._beside = world.Dup() if survive else MPI.COMM_NULL
 
     def compute(self, scene: Settled, scene_path: str, clock: Clock, **more: Any) -> Solved | None:
         """`compute`, with what is kept; None on ranks without a body of their own."""
@@ -76,9 +92,18 @@ class Cases:
         def work(ranks: MPI.Comm) -> Solved:
             if team_of(ranks) is not self._team:  # what was kept went with the ranks of the bodies
                 self._team, self._kept = team_of(ranks), Kept(locked=True)
-            return compute(
-                ranks, scene, scene_path, clock, kept=self._kept if self._keep else None, **more
-            )
+            kept = self._kept if self._keep else None
+            try:
+                with explained():
+                    return compute(ranks, scene, scene_path, clock, kept=kept, **more)
+            except Exception as error:
+                if isinstance(error, DdmpiError) or self._team or self._beside == MPI.COMM_NULL:
+                    raise
+                mistake = agree_on_mistake(self._beside, error)
+                if mistake is None:
+                    raise
+                self._kept = Kept(locked=True)  # what the case has left may be half done
+                raise mistake from error
 
         return self._ranks.work(scene, work)
 
@@ -86,6 +111,8 @@ class Cases:
         """Free all that is kept."""
         self._kept = Kept(locked=True)
         gc.collect()
+        if self._beside != MPI.COMM_NULL:
+            self._beside.Free()
         self._ranks.end()
 
 
@@ -199,7 +226,7 @@ def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
                     scene.method,
                     solution.outer.history,
                     statuses,
-                    helpful(scene),
+                    helpful(scene, in_force()),
                 )
             )
         if ladder.missed:
@@ -304,11 +331,14 @@ def _another_mesh(
     if not solution.certified:
         return ladder.fall_back(solution.reason)
     dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
-    drawn = {
-        body.spec.name: (body.mesh, error.estimates[body.spec.name].squares)
-        for body in assembly.bodies
-        if body.spec.mesh.drawn
-    }
+    if assembly.scene.method.target_error is None:
+        drawn = {}  # no other mesh follows, and with output.only there is no estimate
+    else:
+        drawn = {
+            body.spec.name: (body.mesh, error.estimates[body.spec.name].squares)
+            for body in assembly.bodies
+            if body.spec.mesh.drawn
+        }
     rate = ladder.rate(error.relative)
     demands = merged(
         assembly.world,
@@ -337,19 +367,26 @@ def _judge(
             if not scene.output.only
         }
     free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
-    warnings = [*assembly.warnings, *(body.locking for body in scene.body if body.locking)]
+    warnings = [*assembly.warnings, *locking_of(scene)]
     if solution.certified:
         doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
-        warnings += [*doubts, *steps.doubts_beside([*doubts, *free])]
+        infinite, edges = doubt_edges(assembly.in_world(), solution.states)
+        warnings += [*doubts, *infinite, *steps.doubts_beside([*doubts, *free])]
         if not scene.output.only:
             warnings += [
                 *(() if world.rank else doubt_mesh(scene.body, error)),
                 *doubt_stress(
-                    assembly.in_world(), {name: field.von_mises for name, field in fields.items()}
+                    assembly.in_world(),
+                    {name: field.von_mises for name, field in fields.items()},
+                    edges,
                 ),
             ]
         warnings += [
-            f"derivatives.{key}: not given, because GMRES does not solve their equations to {ENOUGH:.0e}"
+            Doubt(
+                f"derivatives.{key}: not given, because GMRES does not solve their equations to {ENOUGH:.0e}",
+                "derivatives",
+                of=f"derivatives.{key}",
+            )
             for key, entry in steps.derived[0].items()
             if entry is None and not world.rank
         ]
@@ -370,7 +407,15 @@ def _judge(
         solution,
         fields,
         gather_summary(
-            assembly, solution, error, fields, ladder, warnings, free, clock.started, steps
+            assembly,
+            solution,
+            error,
+            fields,
+            ladder,
+            condensed(warnings),
+            free,
+            clock.started,
+            steps,
         ),
         steps,
     )

@@ -28,6 +28,7 @@ from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, undetermine
 from ddmpi.run.gather import StepLog
 from ddmpi.run.report import NAMED
 from ddmpi.run.solve import Iteration, Solution, lean_steps
+from ddmpi.system.doubts import Doubt
 
 log = logging.getLogger("ddmpi")
 
@@ -471,12 +472,11 @@ class March:
                 return False
         if 2 * self._number > MOST or not self._largest.all():
             if self._largest.all():
-                log.warning(
-                    "time %g: forces miss time.tolerance in %d load steps; doubling changed them by %.2g",
-                    self._end,
-                    self._number,
-                    self._changed,
+                missed = (
+                    f"time.tolerance: forces miss it in {self._number} load steps; doubling changed them by "
+                    f"{self._changed:.2g}"
                 )
+                self.log.doubt(self._end, [Doubt(missed, "time.tolerance", self._changed)])
             return False
         # nodes that were open and now carry force: their gaps close within the leg
         closing = self._closing(s)

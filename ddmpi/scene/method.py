@@ -171,8 +171,8 @@ class SettledMethod(Method, frozen=True, kw_only=True):
         self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]
     ) -> str:
         """Advice where no answer is certified. `stopped` is the reason of `Outer.run`, `factor` the reduction of the
-        criterion per iteration, nan if unknown; `iteration` and `update` are the last ones; the scene is `able` to have
-        less "friction", or "anderson" for its method."""
+        criterion per iteration, nan if unknown; `iteration` and `update` are the last ones; `able` are the changes of
+        `ddmpi.judge.diagnosis.fitting`. Empty where none fits."""
         return 'method.outer = "newton", the default'
 
 
@@ -190,12 +190,14 @@ class Newton(SettledMethod, frozen=True, kw_only=True):
     def advice(
         self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]
     ) -> str:
-        advice = ["a larger method.max_iterations"] * (stopped == "max_iterations")
-        advice += ["a tighter -newton_ksp_rtol"] * (stopped != "stalled")
-        advice += ['method.outer = "anderson"'] * ("anderson" in able and bool(update))
-        advice += ["less friction, to see where the trouble begins"] * ("friction" in able)
-        advice += ["a finer mesh where few nodes bear"] * (stopped == "stalled")
-        return ", or ".join(advice)
+        advice = {
+            "iterations": "a larger method.max_iterations",
+            "precision": "a run without -newton_ksp_rtol, which each step chooses by itself",
+            "anderson": 'method.outer = "anderson"',
+            "friction": "less friction, to see where the trouble begins",
+            "mesh": "a finer mesh where few nodes bear",
+        }
+        return ", or ".join(words for name, words in advice.items() if name in able)
 
 
 class Anderson(SettledMethod, frozen=True, kw_only=True):
@@ -216,13 +218,15 @@ class Published(SettledMethod, frozen=True, kw_only=True):
     def advice(
         self, stopped: str, factor: float, iteration: int, update: float, able: Collection[str]
     ) -> str:
-        if stopped == "diverged" or not factor < 0.98:
-            return (
-                "leave algorithm, splitting and theta out, the default method needs none of them; or a smaller "
-                f"method.theta than {self.theta:g}"
-            )
+        default = (
+            'the default method, method.outer = "newton" without algorithm, splitting and theta'
+        )
+        if stopped == "diverged":
+            return f"{default}; or a smaller method.theta than {self.theta:g}"
+        if not factor < 0.98:
+            return default
         wanted = iteration + 1.5 * max(math.log(self.tolerance / update) / math.log(factor), 1.0)
-        return f"method.max_iterations of {wanted:.0f} or more; or leave theta out, the default method is faster"
+        return f"method.max_iterations of {wanted:.0f} or more; or {default}, which is faster"
 
 
 METHODS: dict[str, type[SettledMethod]] = {
@@ -407,8 +411,10 @@ class Output(Table, frozen=True, kw_only=True):
     derivatives: list[str] = []
 
     def __post_init__(self) -> None:
-        for key in ("error", "animation"):
-            if self.only and getattr(self, key):
+        for key in ("error", "animation", "view"):
+            if self.only and (
+                getattr(self, key) is True or (key == "animation" and self.animation)
+            ):
                 raise ValueError(
                     f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two'
                 )

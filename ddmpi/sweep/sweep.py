@@ -18,7 +18,14 @@ from pathlib import Path
 from mpi4py import MPI
 
 from ddmpi.coupling.ranks import check_ranks
-from ddmpi.errors import DdmpiError, InputError, InterruptionError, NotConvergedError, OutputError
+from ddmpi.errors import (
+    DdmpiError,
+    InputError,
+    InternalError,
+    InterruptionError,
+    NotConvergedError,
+    OutputError,
+)
 from ddmpi.petsc.options import RunOptions
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.folder import running
@@ -76,7 +83,7 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     """
     check_ranks(world, sweep.cases[0].scene)
     options, error = RunOptions(), None
-    order, cases = from_first(world, lambda: _pending(sweep, options)), Cases(world)
+    order, cases = from_first(world, lambda: _pending(sweep, options)), Cases(world, survive=True)
     log.info(
         "%d cases in %s: %d to run, %d finished",
         len(sweep.chosen),
@@ -170,8 +177,19 @@ def _run_case(
             if not failure.agreed:
                 raise
             error = failure
+            if error.__cause__:  # a mistake of the program
+                log.error("%s", "".join(traceback.format_exception(error.__cause__)))
+                traceback.clear_frames(error.__cause__.__traceback__)
             traceback.clear_frames(error.__traceback__)  # they hold PETSc's objects
             log.error("ddmpi: %s: %s", error.kind, error)
+        except Exception as mistake:  # of this rank alone: all processes end, and the next start leaves it to the last
+            record_case(
+                place,
+                case,
+                1,
+                f"internal error on rank {world.rank}: {type(mistake).__name__}: {mistake}",
+            )
+            raise
     gc.collect()  # objects that refer to each other in a circle, such as solvers and their contexts
     free_garbage()
     code, words = (error.exit_code, str(error).split("\n")[0]) if error else (0, "")
@@ -205,7 +223,8 @@ def _gather(sweep: Sweep) -> None:
 def _judge(sweep: Sweep) -> None:
     """Count the chosen cases by outcome, and those with warnings. Not collective.
 
-    Raises NotConvergedError unless all are certified; OutputError where results of one could not be written.
+    Raises NotConvergedError unless all are certified; OutputError where results of one could not be written,
+    InternalError where a mistake of the program ended one.
     """
     outcomes = [read_outcome(sweep.place(case)) for case in sweep.chosen]
     if warning := [outcome.warnings for outcome in outcomes if outcome.warnings]:
@@ -219,6 +238,10 @@ def _judge(sweep: Sweep) -> None:
     verdict = f"{counts.pop('certified', 0)} of {len(sweep.chosen)} cases in {sweep.folder} have a certified answer"
     if counts:
         rest = ", ".join(f"{number} {status}" for status, number in counts.most_common())
-        lost = any(outcome.exit == OutputError.exit_code for outcome in outcomes)
-        raise (OutputError if lost else NotConvergedError)(f"{verdict}; {rest}")
+        exits = {outcome.exit for outcome in outcomes}
+        worst = next(
+            (kind for kind in (InternalError, OutputError) if kind.exit_code in exits),
+            NotConvergedError,
+        )
+        raise worst(f"{verdict}; {rest}")
     log.info("%s", verdict)

@@ -6,13 +6,15 @@ import contextlib
 import importlib
 import os
 import sys
+import time
+import traceback
 from collections.abc import Callable, Iterator, Mapping
 from typing import TypeVar
 
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.errors import DdmpiError, SolverError
+from ddmpi.errors import DdmpiError, InternalError, SolverError
 
 K = TypeVar("K")
 T = TypeVar("T")
@@ -20,6 +22,9 @@ T = TypeVar("T")
 LOCKSTEP = "DDMPI_LOCKSTEP"
 """With this variable in the environment of rank 0, the file of Python code that it names compares where each rank calls
 a collective; tests/support/lockstep.py does. Launchers do not hand the environment on to other hosts."""
+
+PATIENCE = 20.0
+"""How long a rank with a mistake of the program waits for the others to meet it, too (s)."""
 
 
 def in_lockstep(comm: MPI.Comm) -> MPI.Comm:
@@ -41,6 +46,33 @@ def agree(world: MPI.Comm, error: DdmpiError | None) -> None:
         if failure is not None:
             failure.agreed = True
             raise failure
+
+
+def agree_on_mistake(world: MPI.Comm, error: Exception) -> InternalError | None:
+    """The mistake of the program that all ranks have met at the same line, as an error that they agree on.
+
+    None where another rank has met none within `PATIENCE`, or another one: it may wait in a call for this rank, so that
+    nothing but an end of all processes is left. Collective on the ranks that have met one.
+
+    Parameters
+    ----------
+    world : a communicator for nothing else, since calls of ranks without a mistake must not meet these
+    """
+    frame = traceback.extract_tb(error.__traceback__)[-1]
+    seen, request, end = (
+        (type(error).__name__, frame.filename, frame.lineno),
+        world.Ibarrier(),
+        time.monotonic(),
+    )
+    while not request.Test():
+        if time.monotonic() > end + PATIENCE:
+            return None
+        time.sleep(0.01)
+    if len(set(world.allgather(seen))) > 1:
+        return None
+    agreed_on = InternalError(f"{seen[0]}: {error} ({os.path.basename(seen[1])}:{seen[2]})")
+    agreed_on.agreed = True
+    return agreed_on
 
 
 @contextlib.contextmanager

@@ -155,6 +155,27 @@ def in_words(point: np.ndarray, digits: int = 6) -> str:
     return f"({', '.join(f'{0.0 if abs(x) <= least else x:.{digits}g}' for x in point)})"
 
 
+def place_of_largest(values: np.ndarray, places: np.ndarray) -> np.ndarray | None:
+    """The place (d,) in `places` (n, d) where a value (n,) is largest; None where none is positive or negative.
+
+    Of values that are equal but for rounding, or for the end of an iteration (`SAME`), it is that of the smallest x,
+    of these that of the smallest y and so on: an order of bodies, nodes or ranks does not matter, nor the last bit.
+
+        >>> place_of_largest(np.array([1.0, 3.0, 3.0]), np.array([[0.0, 0.0], [2.0, 1.0], [1.0, 5.0]])).tolist()
+        [1.0, 5.0]
+    """
+    values, places = np.asarray(values, float), np.asarray(places, float)
+    finite = np.isfinite(values)
+    if not finite.any() or not values[finite].any():
+        return None
+    largest = values[finite].max()
+    best = places[finite & (values >= largest - SAME * abs(largest))]
+    near = ALIKE * np.abs(places).max()
+    for axis in range(places.shape[1]):
+        best = best[best[:, axis] <= best[:, axis].min() + near]
+    return best[0]
+
+
 def scaled_unit(value: float, unit: str) -> tuple[float, str]:
     """A factor and a unit with a prefix in which `value` is easy to read. Units beside SI and % stay as they are."""
     if unit == "%":

@@ -676,7 +676,11 @@ def test_a_box_on_planes_of_symmetry_has_no_end_of_a_clamp(order):
     mesh = made_up_solids.box(divisions=(2, 2, 2), order=order)
 
     def warned(groups: list[str], stress: np.ndarray) -> bool:
-        spec = SimpleNamespace(name="box", clamps=[SimpleNamespace(on=on) for on in groups])
+        spec = SimpleNamespace(
+            name="box",
+            clamps=[SimpleNamespace(on=on) for on in groups],
+            mesh=SimpleNamespace(drawn=False),
+        )
         return bool(_singular(SimpleNamespace(mesh=mesh, spec=spec), stress, "Pa"))
 
     mesh.groups["part"] = mesh.groups["bottom"][:4]

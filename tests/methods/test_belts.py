@@ -1,10 +1,9 @@
 """Belts around drums, which slip as wholes: verdicts, and the start of interior points, which they need."""
 
-import math
-
 import numpy as np
 import pytest
 import scenes
+from hard_scenes import belt
 from mpi4py import MPI
 
 import ddmpi
@@ -13,70 +12,13 @@ from ddmpi.methods.paths import InteriorPoints
 from ddmpi.scene.reader import read_scene
 
 
-def belt(
-    thickness: float,
-    wrap: float,
-    friction: float,
-    divisions: int,
-    young: float,
-    move: float | None = None,
-    pull: float = 0.0,
-) -> dict:
-    """A belt around a rigid drum of radius 1 m, wrapped by so many degrees, that slips as a whole.
-
-    Its start is pulled by 100 kPa. Its end is moved along this pull by a clamp, `move` metres; without it the end is
-    pulled as well, by exp(`pull` μ wrap) times as much. As it is pulled in its middle, it slides from a `pull` of
-    1/(1 + thickness/2) on (Euler and Eytelwein).
-    """
-    first, last = 90.0 - wrap / 2, 90.0 + wrap / 2
-    ahead = {
-        end: [-math.sin(math.radians(angle)), math.cos(math.radians(angle))]
-        for end, angle in (("start", first), ("end", last))
-    }
-    pulls = {"start": -1e5} | (
-        {} if move else {"end": 1e5 * math.exp(pull * friction * math.radians(wrap))}
-    )
-    clamp = (
-        [{"on": "end"} | {axis: -move * x for axis, x in zip("xy", ahead["end"], strict=True)}]
-        if move
-        else []
-    )
-    return {
-        "body": [
-            {
-                "name": "belt",
-                "material": {"young": young, "poisson": 0.3},
-                "clamp": clamp,
-                "traction": [
-                    {"on": end, "value": [q * x for x in ahead[end]]} for end, q in pulls.items()
-                ],
-                "mesh": {
-                    "shape": "annulus",
-                    "center": [0.0, 0.0],
-                    "radii": [1.0, 1.0 + thickness],
-                    "angles": [first, last],
-                    "divisions": [divisions, 2],
-                },
-            }
-        ],
-        "rigid": [{"name": "drum", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0}],
-        "contact": [
-            {
-                "bodies": ["belt", "drum"],
-                "on": ["inner"],
-                "friction": {"law": "coulomb", "coefficient": friction},
-            }
-        ],
-    }
-
-
 @pytest.mark.parametrize(
     ("belt", "steps", "said"),
     [
         (belt(0.01, 180, 0.5, 120, 2e11, -0.05), 120, "converged and certified"),
-        (belt(0.05, 180, 0.3, 48, 2e9, pull=0.999), 80, "no equilibrium found"),
-        (belt(0.01, 180, 0.1, 48, 2e9, pull=0.97), 80, "converged and certified"),
-        (belt(0.01, 180, 0.1, 48, 2e9, pull=0.999), 80, "no equilibrium found"),
+        (belt(0.05, 180, 0.3, 48, 2e9, limit=0.999), 80, "no equilibrium found"),
+        (belt(0.01, 180, 0.1, 48, 2e9, limit=0.97), 80, "converged and certified"),
+        (belt(0.01, 180, 0.1, 48, 2e9, limit=0.999), 80, "no equilibrium found"),
     ],
 )
 def test_belts_that_slip_as_wholes(belt, steps, said):

@@ -413,41 +413,64 @@ def test_diagnosis(stopped, factor, keys, words, unsaid):
     assert all(each in text for each in words) and not any(each in text for each in unsaid)
 
 
-def test_diagnosis_names_what_the_scene_can_do():
-    """Less friction where there is some, Anderson for two held bodies in one step, iterations where they ran out."""
+CHANGING, STILL = ["osr", "osl"], ["osr", "osr"]
+"""States of three nodes in the last iterations: the third one turns between two directions of slip, or stays."""
+
+
+def tried(scene: dict, stopped: str, factor: float = 0.9, statuses=CHANGING, options=()) -> str:
+    """The advice where a run of the scene ends so."""
     from ddmpi.judge.diagnosis import diagnose, helpful
     from ddmpi.scene.method import Method
     from ddmpi.scene.reader import read_scene
 
-    def tried(scene: dict, stopped: str) -> str:
-        able = helpful(read_scene("scene", to_toml(scene)))
-        return diagnose(
-            "the reason", stopped, [], Method().settled(), history(0.9), recorded(), able
-        ).split("try: ")[1]
+    able, log = helpful(read_scene("scene", to_toml(scene)), options), recorded(*statuses)
+    text = diagnose("the reason", stopped, [], Method().settled(), history(factor), log, able)
+    return text.partition("try: ")[2]
 
+
+def test_diagnosis_names_what_the_scene_can_do():
+    """Less friction where there is some and states change, Anderson where it takes the scene and can end elsewhere."""
     two, smooth = pinched_blocks(2), pinched_blocks(2, "none")
-    assert all(
-        words in tried(two, "max_iterations")
-        for words in ("max_iterations", "anderson", "less friction")
-    )
-    assert "max_iterations" not in tried(two, "converged") and "less friction" in tried(
-        two, "stalled"
-    )
-    assert "friction" not in tried(smooth, "max_iterations") and "anderson" in tried(
-        smooth, "max_iterations"
-    )
-    for more in (
-        {"time": {"points": [1.0]}},
-        {"body": [*two["body"], rectangle("third", (9, 0), (1, 1), (1, 1))]},
-    ):
-        assert "anderson" not in tried(two | more, "max_iterations")
+    for words in ("anderson", "less friction"):
+        assert words in tried(two, "stalled")
+        assert words not in tried(two, "stalled", statuses=STILL)
+        assert words not in tried(smooth, "stalled")
+    third = rectangle("third", (9, 0), (1, 1), (1, 1))
+    floor = {"name": "floor", "shape": "plane", "point": [0, -9], "normal": [0, 1]}
+    for more in ({"time": {"points": [1.0]}}, {"body": [*two["body"], third]}, {"rigid": [floor]}):
+        assert "anderson" not in tried(two | more, "stalled")
+        assert "less friction" in tried(two | more, "stalled")
     bonded = two | {
         "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"], "kind": "bonded"}]
     }
-    assert (
-        tried(bonded, "max_iterations")
-        == "a larger method.max_iterations, or a tighter -newton_ksp_rtol"
-    )
+    assert tried(bonded, "max_iterations") == "a larger method.max_iterations"
+    assert tried(bonded, "stalled", statuses=STILL) == ""
+
+
+def test_more_iterations_are_advised_where_they_ran_out_and_made_progress():
+    """Not where the run has ended otherwise, nor where the residual does not fall."""
+    scene = pinched_blocks(2, "none")
+    assert tried(scene, "max_iterations") == "a larger method.max_iterations"
+    assert tried(scene, "max_iterations", factor=1.0, statuses=STILL) == ""
+    assert "max_iterations" not in tried(scene, "converged")
+
+
+def test_a_finer_mesh_is_advised_where_few_nodes_open_and_close():
+    """Not where none changes, where all are open, where many bear, nor where the iteration ended otherwise."""
+    scene, words = pinched_blocks(2, "none"), "a finer mesh"
+    assert words in tried(scene, "stalled")
+    assert words not in tried(scene, "max_iterations")
+    assert words not in tried(scene, "stalled", statuses=STILL)
+    assert words not in tried(scene, "stalled", statuses=["oso", "ooo"])
+    assert words not in tried(scene, "stalled", statuses=["ossssss", "sssssss"])
+
+
+def test_the_precision_of_gmres_is_advised_where_it_was_given():
+    """By default each step chooses it, and a tighter one gains nothing."""
+    scene, words = pinched_blocks(2), "newton_ksp_rtol"
+    assert words in tried(scene, "converged", statuses=STILL, options={"newton_ksp_rtol": "0.1"})
+    assert words not in tried(scene, "converged", statuses=STILL)
+    assert words not in tried(scene, "stalled", options={"newton_ksp_rtol": "0.1"})
 
 
 def test_the_plan_says_what_is_left_out(tmp_path):

@@ -1,7 +1,5 @@
 """The paths to where Newton's method converges: their energy, their ends, and the scenes that need them."""
 
-import math
-import tomllib
 from pathlib import Path
 
 import assembly_scenes
@@ -9,6 +7,7 @@ import numpy as np
 import pytest
 import scenes
 import solid_scenes
+from hard_scenes import HARD, arch, falling_disc, pad, spanner, turned
 from mpi4py import MPI
 from test_steps import random_joint
 
@@ -21,7 +20,7 @@ from ddmpi.scene.reader import read_scene
 
 pytestmark = pytest.mark.slow
 
-CONFIGS, PAD = scenes.ROOT / "configs", Path(__file__).with_name("pad.toml")
+CONFIGS, PAD = scenes.ROOT / "configs", HARD / "pad.toml"
 
 
 def energy(path: Softening, point: Point) -> float:
@@ -77,118 +76,19 @@ def test_a_step_ends_where_the_energy_is_least():
     assert min(found) < 1e-2 and max(found) == 1.0
 
 
-def turned(corners: list[tuple[float, float]], degrees: float) -> list[list[float]]:
-    c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
-    return [[c * x - s * y, s * x + c * y] for x, y in corners]
-
-
-def arch() -> dict:
-    """configs/arch.toml with 8 × 8 divisions, and its right springing moved by 5 mm."""
-    scene = tomllib.loads((CONFIGS / "arch.toml").read_text(encoding="utf-8"))
-    for body in scene["body"]:
-        body["mesh"]["divisions"] = [8, 8]
-    scene["rigid"][1]["displacement"] = [5e-3, 0.0]
-    return scene
-
-
-def pad() -> dict:
-    """A pad that is pressed on a slope and pushed up along it, by nearly twice what pad.toml has, against soft springs."""
-    scene = tomllib.loads(PAD.read_text(encoding="utf-8"))
-    scene["body"][0]["mesh"]["geometry"] = str(PAD.with_name("pad.geo"))
-    for load in scene["body"][0]["traction"][1:]:
-        load["value"] = [154.32572695438697, 89.1]
-    return scene
-
-
-def falling_disc() -> dict:
-    """A disc that touches the top of a bore falls to its bottom, by 1 cm."""
-    return {
-        "body": [
-            {
-                "name": "disc",
-                "material": scenes.STEEL,
-                "volume_force": [0.0, -1e5],
-                "mesh": {
-                    "shape": "annulus",
-                    "center": [0.0, 0.0],
-                    "radii": [0.3, 1.0],
-                    "angles": [0.0, 360.0],
-                    "divisions": [48, 6],
-                },
-            }
-        ],
-        "rigid": [
-            {
-                "name": "bore",
-                "shape": "circle",
-                "center": [0.0, -1e-2],
-                "radius": 1.01,
-                "inside": True,
-            }
-        ],
-        "contact": [{"bodies": ["disc", "bore"], "on": ["outer"], "friction": scenes.COULOMB}],
-    }
-
-
-def spanner() -> dict:
-    """An open spanner, two jaws bonded to a handle, turns a held square nut; it tilts by its slack before it bears."""
-    half, depth, coulomb = 0.5, 0.4, {"law": "coulomb", "coefficient": 0.2}
-    gap = half + 1e-3
-    parts = {
-        "nut": [(-half, -half), (half, -half), (half, half), (-half, half)],
-        "upper": [
-            (-half, gap),
-            (half + depth, gap),
-            (half + depth, gap + depth),
-            (-half, gap + depth),
-        ],
-        "lower": [
-            (-half, -gap - depth),
-            (half + depth, -gap - depth),
-            (half + depth, -gap),
-            (-half, -gap),
-        ],
-        "handle": [
-            (half + depth, -gap - depth),
-            (4.0, -gap - depth),
-            (4.0, gap + depth),
-            (half + depth, gap + depth),
-        ],
-    }
-    divisions = {"nut": [12, 12], "upper": [17, 5], "lower": [17, 5], "handle": [30, 19]}
-    bodies = [
-        {
-            "name": name,
-            "material": scenes.STEEL,
-            "clamp": [],
-            "mesh": {
-                "shape": "quadrilateral",
-                "corners": turned(corners, 7.0),
-                "divisions": divisions[name],
-            },
-        }
-        for name, corners in parts.items()
-    ]
-    bodies[0]["clamp"] = ["left"]
-    bodies[3]["traction"] = [{"on": "right", "value": turned([(0.0, -2e5)], 7.0)[0]}]
-    return {
-        "body": bodies,
-        "contact": [
-            {"bodies": ["upper", "nut"], "on": ["bottom", "top"], "friction": coulomb},
-            {"bodies": ["lower", "nut"], "on": ["top", "bottom"], "friction": coulomb},
-            {"bodies": ["upper", "handle"], "on": ["right", "left"], "kind": "bonded"},
-            {"bodies": ["lower", "handle"], "on": ["right", "left"], "kind": "bonded"},
-        ],
-    }
-
-
 @pytest.mark.parametrize(
     ("scene", "steps", "products"),
-    [(arch, 30, 300), (pad, 40, np.inf), (falling_disc, 30, np.inf), (spanner, 30, np.inf)],
+    [
+        (arch(8, 8, 5e-3), 30, 300),
+        (pad((154.32572695438697, 89.1)), 40, np.inf),
+        (falling_disc(1e-2), 30, np.inf),
+        (spanner(1e-3), 30, np.inf),
+    ],
+    ids=["arch", "pad", "disc", "spanner"],
 )
 def test_hard_scenes_take_few_steps(scene, steps, products):
     """Hinges, soft springs, a fall across a clearance, a slack spanner: products are those of a body."""
-    summary = scenes.certified(scene()).summary
+    summary = scenes.certified(scene).summary
     made = sum(body["n_A_by_purpose"]["newton"] for body in summary["bodies"].values()) / len(
         summary["bodies"]
     )
@@ -494,7 +394,7 @@ class Stuck:
 @pytest.mark.parametrize("way, ending", [(-1e-3, "stalled"), (1e-3, "drift")])
 def test_bodies_on_their_way_to_a_contact_do_not_drift(way, ending, monkeypatch):
     """Where a path fails in the air: below a body that falls there is still a contact; above one that rises is none."""
-    disc = falling_disc()
+    disc = falling_disc(1e-2)
     disc["body"][0]["mesh"]["angles"] = [-170.0, -10.0]  # the lower half
     disc["rigid"][0]["center"][1] = -2e-2
     joint = prepare(MPI.COMM_SELF, read_scene("scene", disc, [])).joint

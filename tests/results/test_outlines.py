@@ -3,7 +3,7 @@
 import meshio
 import numpy as np
 import pytest
-from scenes import Run, certified, rectangle
+from scenes import FLOOR, Run, certified, pinched_blocks, rectangle, run_here, write_scene
 from solid_scenes import box
 
 from ddmpi.mesh.elements import facet_measures
@@ -161,3 +161,87 @@ def test_arcs_have_their_length_in_straight_cells(tmp_path):
     assert lengths.sum() == pytest.approx(state.interface.area.sum(), rel=1e-9)
     assert np.linalg.norm(mesh.points, axis=1) == pytest.approx(1.0, abs=0.01)
     assert mesh.point_data["pressure"] == pytest.approx(state.pressure.mean(), rel=0.1)
+
+
+def solid_scene(order: int) -> dict:
+    """A block that covers facets of a wider base partly, pressed and pushed aside."""
+    block = box("block", (0.31, 0.42, 0), (1.0, 0.9, 0.5), (3, 3, 2), order=order)
+    block["clamp"] = [{"on": "top", "x": 1e-5, "y": 0.0, "z": -1e-4}]
+    base = box("base", (0, 0, -0.5), (2, 2, 0.5), (4, 4, 2), order=order, clamp=["bottom"])
+    contact = {"name": "foot", "bodies": ["block", "base"], "on": ["bottom", "top"]}
+    return {
+        "body": [block, base],
+        "contact": [contact | {"friction": {"law": "coulomb", "coefficient": 0.3}}],
+    }
+
+
+def plane_scene(order: int, slave: str) -> dict:
+    """A block that ends within facets of a wider one, either side as the slave."""
+    upper = rectangle("upper", (0.37, 1.0), (1.3, 1.0), (7, 3))
+    upper["clamp"] = [{"on": "top", "x": 1e-5, "y": -1e-4}]
+    lower = rectangle("lower", (0.0, 0.0), (2.0, 1.0), (9, 4), clamp=["bottom"])
+    for body in (upper, lower):
+        body["mesh"]["order"] = order
+    contact = {"name": "foot", "bodies": ["upper", "lower"], "on": ["bottom", "top"]}
+    contact |= {"slave": slave, "friction": {"law": "coulomb", "coefficient": 0.3}}
+    return {"body": [upper, lower], "contact": [contact]}
+
+
+def ring_scene(order: int) -> dict:
+    """A ring around an axis on a rigid floor."""
+    ring = rectangle("ring", (1.0, 0.0), (0.5, 0.5), (4, 3))
+    ring["mesh"]["order"] = order
+    ring["traction"] = [{"on": "top", "pressure": 1e6}]
+    contact = {"name": "foot", "bodies": ["ring", "floor"], "on": ["bottom"]}
+    return {"axisymmetric": True, "body": [ring], "rigid": [FLOOR], "contact": [contact]}
+
+
+SUMMED = {
+    **{f"solid {order}": solid_scene(order) for order in (1, 2)},
+    **{
+        f"plane {order}, {slave}": plane_scene(order, slave)
+        for order in (1, 2)
+        for slave in ("upper", "lower")
+    },
+    **{f"ring {order}": ring_scene(order) for order in (1, 2)},
+}
+
+
+@pytest.mark.parametrize("scene", SUMMED.values(), ids=SUMMED)
+def test_forces_at_the_points_add_up_to_those_of_the_summary(scene, tmp_path):
+    """To rounding, where the integral of the interpolated pressure is about the normal force."""
+    answer = certified(scene)
+    mesh, cells, areas, state = surface(answer, "foot", tmp_path)
+    told, d = answer.summary["contacts"]["foot"], state.interface.dimension
+    size = abs(told["normal_force"])
+    assert mesh.point_data["normal_force"].sum() == pytest.approx(told["normal_force"], rel=1e-9)
+    assert mesh.point_data["force"].sum(axis=0)[:d] == pytest.approx(told["force"], abs=1e-9 * size)
+    integral = (areas * mesh.point_data["pressure"][cells].mean(axis=1)).sum()
+    assert integral == pytest.approx(size, rel=0.1)
+    # where: the moment of the forces at the points is nearly that of the nodes
+    if d == 3:
+        moment = np.cross(mesh.points, mesh.point_data["force"]).sum(axis=0)
+        assert moment == pytest.approx(told["moment"], abs=0.05 * np.abs(told["moment"]).max())
+
+
+def test_forces_at_the_points_of_earlier_load_steps_add_up_too(tmp_path):
+    """In result.h5, by the steps' resultants."""
+    import h5py
+
+    scene = pinched_blocks(4) | {
+        "history": {"press": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
+        "time": {"points": [1.0, 2.0], "steps": 1},
+    }
+    for body in scene["body"]:
+        for load in body.get("traction", []):
+            load["history"] = "press"
+    run = run_here(write_scene(scene, tmp_path / "s.toml"), tmp_path / "out", "--no-figures")
+    assert run.code == 0, run.output
+    first, last = run.summary["steps"]
+    with h5py.File(run.folder / "result.h5", "r") as file:
+        for group, step in ((file["step_000000"], first), (file, last)):
+            told, surfaces = step["contacts"]["upper-lower"], group["surfaces"]
+            size = told["normal_force"]
+            assert surfaces["normal_force"][()].sum() == pytest.approx(size, rel=1e-9)
+            force = surfaces["force"][()].sum(axis=0)
+            assert force == pytest.approx([*told["force"], 0.0], abs=1e-9 * size)

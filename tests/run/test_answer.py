@@ -165,11 +165,13 @@ def test_an_answer_and_its_parts_are_short_in_words():
         first
         == f"Answer({answer.summary['title']!r}, certified=True, reason='converged and certified')"
     )
-    assert moved == f"    largest displacement {answer.summary['displacement_max']:.4g} mm"
+    assert (
+        moved == f"    largest displacement {answer.summary['displacement_max']:.4g} mm at (3, 1)"
+    )
     x, y = answer.contacts["upper-lower"].force
     assert (
         f"; force ({x:.4g}, {y:.4g}) N/mm on upper, largest pressure " in contact
-        and contact.endswith(" MPa")
+        and " MPa at (" in contact
     )
     assert repr(answer.contacts["upper-lower"]) == "ContactState(upper-lower, 18 nodes)"
     assert all(repr(body).startswith("Fields(133 nodes") for body in answer.bodies.values())

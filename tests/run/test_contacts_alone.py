@@ -8,7 +8,7 @@ from scenes import call, pinched_blocks, rectangle, to_toml, tower
 import ddmpi
 from ddmpi.errors import InputError
 
-LEFT_OUT = {"von_mises_max", "energy", "discretization_error", "memory_mib"}
+LEFT_OUT = {"von_mises_max", "von_mises_max_at", "energy", "discretization_error", "memory_mib"}
 """Entries of a body that are null, or differ from run to run."""
 
 
@@ -88,7 +88,7 @@ def test_tables_are_those_of_a_whole_run(scene, tmp_path):
 def test_what_is_left_out_cannot_be_asked_for():
     """What only = "contacts" leaves out is refused beside it; a target of accuracy has its estimate."""
     scene = pinched_blocks(4)
-    for key in "error", "animation":
+    for key in "error", "animation", "view":
         with pytest.raises(InputError, match=f"{key} = true asks for what only"):
             ddmpi.solve(scene, overrides={f"output.{key}": True}, only="contacts")
     with pytest.raises(InputError, match=r"output\.only"):
@@ -97,3 +97,30 @@ def test_what_is_left_out_cannot_be_asked_for():
         scene, overrides={"method.target_error": 0.2, "body.upper.mesh.order": 1}, only="contacts"
     )
     assert answer.summary["discretization_error"]["energy_norm"] < 0.2
+
+
+def test_a_drawn_body_needs_no_estimate_without_a_target(tmp_path):
+    """Finer meshes follow from estimates, which are made with a target alone."""
+    pytest.importorskip("gmsh")
+    (tmp_path / "block.geo").write_text(
+        'SetFactory("OpenCASCADE"); Rectangle(1) = {0, 0, 0, 1, 1}; Physical Surface("b") = {1};'
+        'Physical Curve("low") = {1}; Physical Curve("top") = {3};',
+        encoding="utf-8",
+    )
+    block = {
+        "name": "block",
+        "mesh": {"geometry": str(tmp_path / "block.geo"), "size": 0.5},
+        "material": {"young": 2e11, "poisson": 0.3},
+        "traction": [{"on": "top", "pressure": 1e6}],
+    }
+    scene = {
+        "body": [block],
+        "rigid": [{"name": "floor", "shape": "plane", "point": [0, 0], "normal": [0, 1]}],
+        "contact": [{"bodies": ["block", "floor"], "on": ["low"]}],
+    }
+    answer = ddmpi.solve(scene, only="contacts")
+    assert answer.certified
+    assert answer.contacts["block-floor"].pressure == pytest.approx(1e6)
+    assert answer.summary["discretization_error"]["energy_norm"] is None
+    finer = ddmpi.solve(scene, overrides={"method.target_error": 0.3}, only="contacts")
+    assert finer.summary["discretization_error"]["energy_norm"] < 1e-3

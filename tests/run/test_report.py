@@ -71,9 +71,9 @@ def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
         "not supported by clamps (3 rigid motions); direct solver\n",
         " bodies on 1 rank\n",
         ") N/mm on ",
-        " MPa\n",
+        " MPa at (3, 1)\n",
         " N/mm, largest displacement ",
-        " mm, von Mises stress ",
+        " mm at (3, 2), von Mises stress ",
         " pictures (not asked for)\n",
     ):
         assert word in run.stdout, run.stdout

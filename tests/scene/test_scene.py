@@ -955,4 +955,4 @@ def test_every_outer_method_says_what_is_asked_of_it():
         )
         assert f"{method.criterion} below {method.tolerance:g}" in method.plan
         assert method.title and all(method.curves) and method.diverging
-        assert method.advice("diverged", np.nan, 3, 0.1, ())
+        assert method.advice("max_iterations", np.nan, 3, 0.1, {"iterations"})

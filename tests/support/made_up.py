@@ -149,7 +149,9 @@ def body(**changes) -> dict:
         "ranks": [0],
         "held": True,
         "displacement_max": 1e-4,
+        "displacement_max_at": (1.0, 0.5),
         "von_mises_max": 8e7,
+        "von_mises_max_at": (0.5, 0.25),
         "energy": 12.0,
         "reaction": (1.0, -2.0),
         "loads": {"top": {"force": (-1.0, 2.0), "moment": 3.0}},
@@ -234,7 +236,10 @@ def results(
     ]
     parts = [fields(mesh, error, stresses) for mesh in meshes.values()]
     moved = {
-        name: {"displacement_max": np.linalg.norm(part.displacement, axis=1).max()}
+        name: {
+            "displacement_max": np.linalg.norm(part.displacement, axis=1).max(),
+            "displacement_max_at": part.points[np.linalg.norm(part.displacement, axis=1).argmax()],
+        }
         for name, part in zip(meshes, parts, strict=True)
     }
     return write_results(

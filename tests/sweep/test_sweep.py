@@ -158,6 +158,58 @@ def test_another_sweep_is_refused(mixed, small):
     assert {path: stamp(path) for path in mixed.folder.rglob("*")} == before
 
 
+# Mistakes of the program
+
+TWO = ["--vary", f"{COEFFICIENT}=0.2,0.3,0.4"]
+
+
+def faulty(
+    small: Path, folder: Path, ranks: int, failing: list[int], kind: str = "KeyError"
+) -> Run:
+    """A sweep of three cases; from the second call of `_judge` on these ranks have the fault, once."""
+    code = (
+        "import sys, ddmpi.run.run as run; from mpi4py import MPI; from ddmpi.cli.main import main; judge, calls = "
+        "run._judge, []\n"
+        "def fails(*arguments):\n"
+        "    calls.append(1)\n"
+        f"    if len(calls) == 2 and MPI.COMM_WORLD.rank in {failing}: raise {kind}('lost')\n"
+        "    return judge(*arguments)\n"
+        "run._judge = fails; import ddmpi.system.agreement as agreement; agreement.PATIENCE = 1.0\n"
+        f"main(['sweep', {str(small)!r}, '--output', {str(folder)!r}, *{TWO!r}])"
+    )
+    return scenes.run_python(["-c", code], ranks, folder)
+
+
+@pytest.mark.parametrize("ranks", [1, 2])
+def test_a_mistake_of_the_program_ends_one_case(small, tmp_path, ranks):
+    """It is recorded with its words and its traceback, and the cases after it have the answers of a sweep without it."""
+    run = faulty(small, tmp_path / "sweep", ranks, list(range(ranks)))
+    assert run.code == 1, run.output
+    table = rows(run)
+    assert [row["status"] for row in table] == ["certified", "failed", "certified"]
+    assert "KeyError: 'lost'" in table[1]["reason"] and table[1]["exit"] == "1"
+    assert "Traceback" in (run.folder / table[1]["folder"] / "run.log").read_text("utf-8")
+    assert run.messages == [
+        f"ddmpi: internal error: 2 of 3 cases in {run.folder} have a certified answer; 1 failed"
+    ]
+    again = run_sweep(small, run.folder, *TWO, ranks=ranks)
+    assert again.code == 0 and "1 to run, 2 finished" in again.stdout
+
+
+def test_a_mistake_on_one_rank_ends_the_sweep_and_is_recorded(small, tmp_path):
+    """Other ranks may wait for it; the sweep that is started again goes on with the cases after it."""
+    run = faulty(small, tmp_path / "sweep", 2, [1])
+    assert run.code == 1 and "internal error on rank 1" in run.output
+    listed = run_sweep(small, run.folder, *TWO, "--list")
+    assert [line.split()[1] for line in listed.stdout.splitlines()] == [
+        "certified",
+        "failed",
+        "not",
+    ]
+    again = run_sweep(small, run.folder, *TWO, ranks=2)
+    assert again.code == 0 and [row["status"] for row in rows(again)] == ["certified"] * 3
+
+
 # Refused before any work
 
 

@@ -1,0 +1,268 @@
+"""Where stresses of a contact grow without limit as meshes get finer: at sharp corners in contact, at ends of bonds.
+
+Stresses at a point where two elastic wedges meet go as r^(λ − 1). Which λ is below one follows from the angles of both
+bodies and Dundurs' α of their moduli; the rules here are simple bounds of these:
+
+* Bodies of a bond are one body. A re-entrant corner of it, angles of more than 180° together, is singular (Williams, J.
+  Appl. Mech. 19, 1952). A flush end, 180° together, is singular if α (α − 2β) > 0 (Bogy, J. Appl. Mech. 35, 1968); it
+  is told above `BOGY`.
+* A corner pressed on a body that goes on beside it, more than 180° together, has an infinite pressure (Dundurs and Lee,
+  J. Elasticity 2, 1972). It is the weaker the softer the body with the corner is: a right angle has λ = 0.77 for equal
+  moduli, 0.5 where it is rigid, and 1 where the other one is. It is told above `SOFT`.
+* Boundaries that curve apart, or turn by less than `SHARPEST` from facet to facet, as rounded corners do, have none.
+* On a rigid partner, corners up to `BLUNT` have none without friction.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.state import ContactState
+from ddmpi.judge.overlap import Solid
+from ddmpi.mesh.boundary import SHARPEST, Creases, creases
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import Material
+from ddmpi.scene.contacts import SettledContact
+from ddmpi.system.agreement import gathered
+from ddmpi.system.doubts import Doubt
+from ddmpi.system.numbers import SAME, in_words
+
+BOGY = (
+    0.05  # α (α − 2β) from which a flush bond of unlike bodies is told of; weaker ones hardly show
+)
+SOFT = -0.8  # Dundurs' α of a body with a corner, from which its pressure is told of: a ninth of the other's modulus
+FLUSH = 0.05  # distance of ends along the contact, over that of nodes, up to which they are one on these meshes
+BLUNT = np.deg2rad(100.0)  # angle of a body from which its corner on a rigid partner is told of
+
+
+class Ends(NamedTuple):
+    """Of one body at a contact: where its boundary has a corner, or its group ends.
+
+    Attributes
+    ----------
+    sides : (k, 2, d) the ends of the sides there, in the plane one node twice (m)
+    angles : (k,) of the body's material (rad); nan where the facet beside is held
+    modulus, poisson : plane modulus (Pa), and Poisson's ratio, nan of bodies with several or directed materials
+    """
+
+    sides: np.ndarray
+    angles: np.ndarray
+    modulus: float
+    poisson: float
+
+
+class Singular(NamedTuple):
+    """Where a contact's stresses are infinite: (k, d) places (m), and what is there, in words."""
+
+    places: np.ndarray
+    what: list[str]
+
+
+def boundary_of(mesh: Mesh) -> tuple[np.ndarray, Creases]:
+    """The straight facets (f, d) of a mesh, and the creases between them. Not collective."""
+    facets = Solid.of(mesh, np.zeros(1)).facets
+    outward = mesh.points[facets[:, 0]] - mesh.points[facets[:, -1]]
+    return facets[:, :-1], creases(mesh.points, facets[:, :-1], outward)
+
+
+def within(mesh: Mesh, facets: np.ndarray, groups: Sequence[np.ndarray]) -> np.ndarray:
+    """(f,) bool, which straight facets belong to one of the groups, of facets as the mesh has them."""
+    d = mesh.dimension
+    parts = [group[:, mesh.cell.facet.parts].reshape(-1, d) for group in groups]
+    both = np.sort(np.concatenate([facets, *parts]), axis=1)
+    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    return np.isin(number[: len(facets)], number[len(facets) :])
+
+
+def ends_of(body: Body, contacts: Sequence[tuple[SettledContact, int]]) -> dict[str, Ends]:
+    """The `Ends` of a body at its contacts, given with their sides. Not collective.
+
+    Where the facet beside is clamped or on another contact, as at a plane of symmetry, nothing is known of the stress.
+    """
+    mesh, material = body.mesh, body.material
+    facets, bends = boundary_of(mesh)
+    isotropic = isinstance(material, Material) and not isinstance(material.poisson, tuple)
+    poisson = float(material.poisson) if isotropic else np.nan  # type: ignore[union-attr, arg-type]
+    clamped = [mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.groups]
+    groups = {contact.name: mesh.facets(contact.on[side]).nodes for contact, side in contacts}
+    found = {}
+    for contact, _ in contacts:
+        inside = within(mesh, facets, [groups[contact.name]])
+        others = [group for name, group in groups.items() if name != contact.name]
+        held = within(mesh, facets, [*clamped, *others]) & ~inside
+        number = inside[bends.facets].sum(axis=1)
+        sharp = bends.turn > SHARPEST
+        chosen = (number == 1) | ((number == 2) & sharp)
+        unknown = chosen & held[bends.facets].any(axis=1)
+        if mesh.axisymmetric:
+            unknown |= chosen & mesh.on_axis[bends.nodes].any(axis=1)
+        angles = np.where(sharp, np.pi - bends.turn, np.pi)
+        angles[unknown] = np.nan
+        nodes = bends.nodes[chosen]
+        found[contact.name] = Ends(
+            mesh.points[nodes[:, [0, -1]]],
+            angles[chosen],
+            interface_modulus(body),
+            poisson,
+        )
+    return found
+
+
+def interface_modulus(body: Body) -> float:
+    """The plane modulus of a body, of several materials their mean (Pa)."""
+    material = body.material
+    several = [material] if isinstance(material, Material) else material.materials
+    return float(np.mean([each.plane_modulus for each in several]))
+
+
+def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]) -> Singular:
+    """Where the stresses of a contact whose rows `bear` (m,) forces are infinite. Not collective.
+
+    Parameters
+    ----------
+    both : `Ends` of its two bodies; None for a rigid partner
+    """
+    bonded, ends = interface.law.name == "bonded", [one for one in both if one is not None]
+    rows = interface.lines.row[bears[interface.lines.row]]
+    acting, reach = interface.lines.acting[bears[interface.lines.row]], reaches(interface)[rows]
+    at = []
+    sides = np.concatenate([one.sides[np.isfinite(one.angles)] for one in ends])
+    for side in np.unique(sides, axis=0):
+        place = side.mean(axis=0)
+        distance = np.linalg.norm(acting - place, axis=1) / reach
+        if not distance.min(initial=np.inf) <= 1.0 + SAME:
+            continue  # nothing bears there
+        k = int(distance.argmin())
+        normal, near = interface.normal[rows[k]], FLUSH * reach[k]
+        angles = np.array([_angle(one, place, normal, near) for one in ends])
+        if np.isfinite(angles).all() and (what := _what(bonded, angles, ends, interface)):
+            at += [(end, what) for end in np.unique(side, axis=0)]
+    return Singular(
+        np.array([place for place, _ in at]).reshape(-1, interface.dimension),
+        [what for _, what in at],
+    )
+
+
+def reaches(interface: Interface) -> np.ndarray:
+    """(m,) the distance of each row to its neighbours, in space along the diagonal (m)."""
+    return np.sqrt(interface.dimension - 1.0) * interface.spacing
+
+
+def _angle(ends: Ends, place: np.ndarray, normal: np.ndarray, near: float) -> float:
+    """The angle of a body at a place of its contact (rad): that of an end beside which gaps and overlaps, which are
+    along the normal, put the place; 180° where it has none."""
+    start, way = ends.sides[:, 0], ends.sides[:, 1] - ends.sides[:, 0]
+    length = np.maximum((way**2).sum(axis=1), np.finfo(float).tiny)
+    share = np.clip(((place - start) * way).sum(axis=1) / length, 0.0, 1.0)
+    apart = start + share[:, None] * way - place
+    along = apart - (apart @ normal)[:, None] * normal
+    here = (np.linalg.norm(along, axis=1) <= near) & (np.linalg.norm(apart, axis=1) <= near / FLUSH)
+    known = ends.angles[
+        here & np.isfinite(ends.angles)
+    ]  # where a held side ends, another one may go on
+    return float(known.min()) if len(known) else np.nan if here.any() else np.pi
+
+
+def _what(bonded: bool, angles: np.ndarray, ends: Sequence[Ends], interface: Interface) -> str:
+    """What makes the stresses at a place infinite, in words; empty if they are finite."""
+    sharper = int(np.argmin(angles))
+    body = interface.bodies[sharper]
+    corner = {2: "corner", 3: "edge"}[interface.dimension]
+    if len(ends) == 1:
+        blunt = BLUNT <= angles[0] < np.pi - SHARPEST and not bonded
+        return f"a sharp {corner} of {body} in contact" * bool(blunt)
+    moduli = np.array([one.modulus for one in ends])
+    if bonded:
+        reentrant = angles.sum() > np.pi + SHARPEST
+        flush = abs(angles.sum() - np.pi) <= SHARPEST and mismatch(ends) > BOGY
+        return "the end of the bond" * bool(reentrant or flush)
+    alpha = (moduli[sharper] - moduli[1 - sharper]) / moduli.sum()
+    sharp = angles[sharper] < np.pi - SHARPEST and angles.sum() > np.pi + SHARPEST
+    return f"a sharp {corner} of {body} in contact" * bool(sharp and alpha > SOFT)
+
+
+def mismatch(ends: Sequence[Ends]) -> float:
+    """α (α − 2β) of two isotropic bodies in plane strain, nan of others; Dundurs' numbers."""
+    nu = np.array([one.poisson for one in ends])
+    mu = np.array([one.modulus for one in ends]) * (1.0 - nu) / 2.0  # E / (1 − ν²) = 2 μ / (1 − ν)
+    (m1, m2), (n1, n2) = mu, nu
+    both = m1 * (1.0 - n2) + m2 * (1.0 - n1)
+    alpha = (m1 * (1.0 - n2) - m2 * (1.0 - n1)) / both
+    beta = 0.5 * (m1 * (1.0 - 2.0 * n2) - m2 * (1.0 - 2.0 * n1)) / both
+    return float(alpha * (alpha - 2.0 * beta))
+
+
+def doubt_edges(
+    assembly: Assembly, states: Mapping[str, ContactState]
+) -> tuple[list[str], dict[str, list[Singular]]]:
+    """Warnings of largest pressures that are infinite in the continuum, on the first rank; and by body of this rank
+    where the stresses at its contacts are. Collective.
+
+    Parameters
+    ----------
+    states : of the contacts that this rank owns
+    """
+    mine = dict[tuple[str, int], Ends]()
+    for body in assembly.bodies:
+        name = body.spec.name
+        contacts = [
+            (contact, contact.bodies.index(name))
+            for contact in assembly.scene.contact
+            if name in contact.bodies
+        ]
+        found = ends_of(body, contacts)
+        mine |= {(contact.name, side): found[contact.name] for contact, side in contacts}
+    both = assembly.exchange.swap_objects(mine)
+    warnings, places = {}, {}
+    for interface in assembly.space.interfaces:
+        state = states[interface.name]
+        found_here = singular_places(interface, state.status != "open", both[interface.name])
+        places[interface.name] = found_here
+        if words := _pressure(state, found_here, assembly.scene.units["stress"]):
+            warnings[interface.name] = words
+    by_body = _by_body(assembly, places)
+    by_contact = gathered(assembly.world, warnings)
+    named = [contact.name for contact in assembly.scene.contact]
+    if assembly.world.rank:
+        return [], by_body
+    return [by_contact[name] for name in named if name in by_contact], by_body
+
+
+def _by_body(assembly: Assembly, places: Mapping[str, Singular]) -> dict[str, list[Singular]]:
+    """By body of this rank what the owners of its contacts have found. Collective."""
+    names = [name for name, *_ in assembly.exchange.ends]
+    told = assembly.exchange.swap_objects(
+        {(name, side): places.get(name) for name in names for side in (0, 1)}
+    )
+    by_body: dict[str, list[Singular]] = {}
+    for body in assembly.bodies:
+        known = [one or other for one, other in (told[met.name] for met in body.member.interfaces)]
+        by_body[body.spec.name] = [each for each in known if each]
+    return by_body
+
+
+def _pressure(state: ContactState, singular: Singular, unit: str) -> str:
+    """A warning where the largest pressure of a contact is at one of the places."""
+    interface, pressure = state.interface, np.nan_to_num(state.pressure)
+    largest = pressure.max(initial=0.0)
+    if not largest > 0.0 or not len(singular.places):
+        return ""
+    top = pressure >= (1.0 - SAME) * largest
+    if top.all():  # a constant pressure grows nowhere
+        return ""
+    for place, what in zip(singular.places, singular.what, strict=True):
+        rows = interface.lines.row
+        distance = np.linalg.norm(interface.lines.acting - place, axis=1)
+        near = distance <= (1.0 + SAME) * reaches(interface)[rows]
+        if (top[rows] & near).any():
+            return Doubt(
+                f"contact.{interface.name}: the largest pressure, {largest:.4g} {unit}, is at {what} at "
+                f"{in_words(place, 4)}, where it grows without limit as the mesh is refined; take the force, or "
+                "the pressure beside it",
+                "infinite pressure",
+                float(largest),
+            )
+    return ""
