@@ -32,6 +32,7 @@ from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import undetermined_motions
 from ddmpi.run.gather import Solved, StepLog, fields_of, gather_summary, write_files
+from ddmpi.run.held import coarse_words
 from ddmpi.run.places import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution
@@ -339,6 +340,7 @@ def _judge(
     free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
     warnings = [*assembly.warnings, *(body.locking for body in scene.body if body.locking)]
     if solution.certified:
+        warnings += coarse_words(solution.held)
         doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
         warnings += [*doubts, *steps.doubts_beside([*doubts, *free])]
         if not scene.output.only:
@@ -348,8 +350,9 @@ def _judge(
                     assembly.in_world(), {name: field.von_mises for name, field in fields.items()}
                 ),
             ]
+        unsolved = f"GMRES does not solve their equations to {ENOUGH:.0e}"
         warnings += [
-            f"derivatives.{key}: not given, because GMRES does not solve their equations to {ENOUGH:.0e}"
+            f"derivatives.{key}: not given, because {steps.derived[2].get(key, unsolved)}"
             for key, entry in steps.derived[0].items()
             if entry is None and not world.rank
         ]

@@ -162,6 +162,7 @@ class March:
             if end <= self._drawn(self._now.time)
         ]
         joint.keep(over, self._now.alpha)
+        self.iteration.hold(self._now.alpha)
         mechanism = self._mechanism(time)
         assembly.act(self._drawn(time))
         self._d = joint.d
