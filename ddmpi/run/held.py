@@ -36,11 +36,17 @@ COARSE, APART = 1e-2, 30.0
 """Normals of coarse linear elements in space are off by up to COARSE: motions that are resisted by so little are held as
 well, with a warning, if all others are resisted by APART times as much."""
 
+WORST = 3.0
+"""Where few nodes bear, the normals of coarse elements are off there by up to this times the mean error COARSE."""
+
 FAINT = 3.0 * COARSE
 """No motion is held in a group of bodies that resists all motions by more than this, over the root of its forces."""
 
 RIGID = 1e-10
 """Forces count as this fraction of a motion of the body at least, so that all have a size."""
+
+LEVERS = 2e-2
+"""Most errors of lever arms of loads, over the size of a body, and of the turn that they drive."""
 
 WITHOUT = " without any force"  # ends the words for a motion that nothing resists
 
@@ -272,7 +278,8 @@ def judge_held(
     # each motion alone, and the one along which all of the load is left
     size = float(np.linalg.norm(left))
     basis = np.column_stack([held.basis, left / size if size else left])
-    error = np.where(np.append(held.coarse, held.coarse.any()), COARSE, RESISTED)
+    coarse = np.append(held.coarse, held.coarse.any())
+    error = np.where(coarse, WORST * COARSE, RESISTED)
     levers, passing = _borne(assembly, held.bodies, basis, outer.forces)
     bounds = levers + error * passing
     joint.stays.share = float(
@@ -288,7 +295,7 @@ def judge_held(
         moved.append(_told(held, np.copysign(1.0, load) * velocities, abs(load), bound, k))
     driven = [k for k, motion in enumerate(moved) if motion.moment > motion.bound]
     told = moved[: held.basis.shape[1]]
-    if driven and error[driven[0]] == COARSE:
+    if driven and coarse[driven[0]]:
         return told, None, True
     if not driven:
         return told, None, False
@@ -353,11 +360,27 @@ def _because(held: HeldMotion, units: Mapping[str, str]) -> str:
 
 
 def coarse_words(held: Sequence[HeldMotion]) -> list[str]:
-    """Warnings of the motions that only coarse linear elements let hold."""
+    """A warning for each body with motions that only coarse linear elements let hold."""
+    motions: dict[str, list[str]] = {}
+    for one in held:
+        if one.coarse:
+            motions.setdefault(one.body, []).append(one.motion.removesuffix(WITHOUT))
     return [
-        f"body.{one.body}: the facets of its mesh or of its partners resist a motion by up to "
-        f"{COARSE:.0%} of the forces, which smooth sides would not; "
-        f"{one.motion.removesuffix(WITHOUT)}, and is held; take order 2 or a finer mesh"
-        for one in held
-        if one.coarse
+        f"body.{body}: facets resist a motion of it by about {COARSE:.0%} of its forces, which smooth sides would not; "
+        f"it is held ({'; '.join(ways)}); take order 2 or a finer mesh"
+        for body, ways in motions.items()
     ]
+
+
+def beyond_meshes(assembly: Assembly, held: Held, mechanism: Mechanism | None) -> Mechanism | None:
+    """The mechanism, unless it is a held motion that turns bodies and that the loads drive by little more than the
+    errors of lever arms: what is left along it then decides, see `judge_held`. Not collective."""
+    if mechanism is None or not held.basis.size or mechanism.imbalance > LEVERS:
+        return mechanism
+    alpha, slices = np.zeros(len(held.basis)), assembly.joint.slices
+    turns = False
+    for body, v in zip(mechanism.bodies, mechanism.velocities, strict=True):
+        alpha[slices[body.name]] = np.linalg.lstsq(body.basis, v, rcond=None)[0]
+        turns |= bool(np.linalg.norm(v[body.dimension :]) * body.size > LEVERS)
+    left = alpha - held.span @ (held.span.T @ alpha)
+    return None if turns and np.linalg.norm(left) <= LEVERS * np.linalg.norm(alpha) else mechanism

@@ -35,7 +35,7 @@ from ddmpi.run.equilibrium import (
     driven_partners,
     look_for_mechanism,
 )
-from ddmpi.run.held import Held, HeldMotion, judge_held, motions_to_hold
+from ddmpi.run.held import Held, HeldMotion, beyond_meshes, judge_held, motions_to_hold
 from ddmpi.run.least import least_motion
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
@@ -341,7 +341,9 @@ class Iteration:
         self.held = motions_to_hold(self.assembly, self._coarse)
         joint.stays.hold(self.held.span, joint.stays.at)
         if isinstance(self.outer, Newton):
+            steps = self.outer.history
             self.outer.begin()
+            self.outer.history = steps
         self._stopped = ""
         return (), "released"
 
@@ -541,6 +543,7 @@ def solve(
     with clock.phase("outer"):
         mechanism = look_for_mechanism(assembly)
     iteration = Iteration(assembly, method, report, clock)
+    mechanism = beyond_meshes(assembly, iteration.held, mechanism)
     if assembly.start and isinstance(iteration.outer, Newton):
         iteration.outer.begin(assembly.start(), foreseen=True)
     if checkpoints:
