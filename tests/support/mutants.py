@@ -32,6 +32,7 @@ LAW, SIDES, LEGS = (
     "interface/test_interface.py",
     "coupling/test_exchange.py",
 )
+HELD = "scenes/test_held_motions.py"
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
 CYCLES = "scenes/test_cycles.py"
 DENSE = "methods/test_dense.py"
@@ -1731,6 +1732,55 @@ MUTANTS = [
             "self.stays.moving(self.e - self.rigid.sums(s) - self.K @ alpha)",
             "self.e - self.rigid.sums(s)",
             f"{BOLTS}::test_a_joint_under_load",
+        ),
+        (
+            "facets resist the turn of round parts",
+            "run/held",
+            "few = int((ratios <= RESISTED).sum())",
+            "few = 0",
+            f"{HELD}::test_a_load_aslant_leaves_the_lever_arm_of_the_gap",
+        ),
+        (
+            "nothing is too much for facets",
+            "run/held",
+            "if motion.moment > motion.bound]",
+            "if motion.bound < 0.0]",
+            f"{HELD}::test_a_moment_beyond_what_facets_may_bear_has_no_equilibrium",
+        ),
+        (
+            "gaps have no lever arm",
+            "run/held",
+            "(at_node @ np.abs(interface.opening))",
+            "0.0",
+            f"{HELD}::test_a_load_aslant_leaves_the_lever_arm_of_the_gap",
+        ),
+        (
+            "balance is asked along held motions",
+            "coupling/joint",
+            "return x - self.held @ (self.held.T @ x) if self.held.size else x",
+            "return x",
+            f"{HELD}::test_a_load_aslant_leaves_the_lever_arm_of_the_gap",
+        ),
+        (
+            "contact forces balance faint motions",
+            "body/rigid_motions",
+            "for least in (FACETED, SEEN)",
+            "for least in (SEEN, SEEN)",
+            f"{HELD}::test_a_faint_motion_is_balanced_by_loads",
+        ),
+        (
+            "bodies without forces stay where a step left them",
+            "run/least",
+            "outer.shift(way)",
+            "outer.shift(0.0 * way)",
+            f"{HELD}::test_an_unloaded_lid_lies_where_it_moves_least",
+        ),
+        (
+            "a load along a held motion has a derivative",
+            "coupling/joint",
+            "return bool(self.held.size) and norm(self.held.T @ loads) > self.share * norm(loads)",
+            "return False",
+            f"{DERIVED}::test_a_loose_body_that_nothing_holds_along_the_floor_has_no_derivative",
         ),
         (
             "paths begin without the offset",
