@@ -129,7 +129,8 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
     for interface, (_, numbers, _) in zip(
         assembly.space.interfaces, joint.rigid.blocks, strict=True
     ):
-        D = _past(assembly, interface, bodies)[:, :, numbers].reshape(-1, len(numbers))
+        D = _past(assembly, interface, bodies)[:, :, numbers]
+        D = D.reshape(interface.m * interface.dimension, len(numbers))
         past[interface.name] = len(D), numbers, D.T @ D
     moving = gathered(assembly.world, past)
 
