@@ -32,8 +32,10 @@ LOOSE = 1e-16
 PURE = 1e-10
 """A translation is free by itself if its distance from the span of the free motions is below this."""
 
-SEEN = 1e-8
-"""A motion does not act on the contact if it moves it by less than this fraction of its size."""
+SEEN, FACETED = 1e-8, 3e-4
+"""A motion does not act on the contact if it moves it by less than the fraction SEEN of its size. Below the fraction
+FACETED only the errors of normals act on it, as on the turn of a round part: contact forces that balance a load along
+it would be the load's rounding, thousands of times as large."""
 
 
 def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> np.ndarray:
@@ -214,24 +216,30 @@ class Centring:
     """Makes a generalised inverse A⁺ of a loose body independent of the place of the springs.
 
     The centred inverse is Π A⁺ Πᵀ. Its displacements have no rigid motion in the least-squares sense at the contact,
-    and on average none of those motions that do not act on the contact. R (n, j) has the free motions as columns in
-    A's dofs, B (size, n) is the trace on the contact nodes. Not collective.
+    and on average none of those motions that hardly act on the contact: loads K = R (RᵀR)⁻¹ U balance these, the U of
+    the least singular values of G. R (n, j) has the free motions as columns in A's dofs, B (size, n) is the trace on
+    the contact nodes. Not collective.
+
+    Attributes
+    ----------
+    K : (n, q) loads along the motions R U that hardly act on the contact, and along no others
+    faint : (q, size) their contact displacements, zero where they do not act on it at all
     """
 
     def __init__(self, R: np.ndarray, B: sparse.csr_matrix) -> None:
         self._R, self._B = R, B
         Q, T = np.linalg.qr(B @ R)
-        # G = (B R)ᵀ = Tᵀ Qᵀ = U Σ (Q Vᵀ)ᵀ. Its rank is below j where motions do not act on the contact, as those along
+        # G = (B R)ᵀ = Tᵀ Qᵀ = U Σ (Q Vᵀ)ᵀ. Its rank is below j where motions hardly act on the contact, as those along
         # a frictionless floor; P = I − Gᵀ(GGᵀ)⁺G is then made of the first `rank` vectors.
         U, values, V = np.linalg.svd(T.T)
-        rank = (
-            int((values > SEEN * np.linalg.norm(B.data) * np.abs(R).max()).sum())
-            if len(values)
-            else 0
-        )
+        size = np.linalg.norm(B.data) * np.abs(R).max() if len(values) else 0.0
+        rank, seen = (int((values > least * size).sum()) for least in (FACETED, SEEN))
         self._V = Q @ V[:rank].T
         self._inverse = self._V / values[:rank] @ U[:, :rank].T  # Gᵀ(GGᵀ)⁺, (size, j)
-        self._unseen, _ = np.linalg.qr(R @ U[:, rank:])
+        self._faint = R @ U[:, rank:]
+        self.K = R @ np.linalg.solve(R.T @ R, U[:, rank:])
+        self.faint = (B @ self._faint).T
+        self.faint[seen - rank :] = 0.0
 
     def project(self, x: np.ndarray) -> np.ndarray:
         """P x with P = I − Gᵀ(GGᵀ)⁺G: the part of contact forces or displacements (size,) without rigid motion."""
@@ -242,14 +250,12 @@ class Centring:
 
     def balance(self, f: np.ndarray) -> np.ndarray:
         """Πᵀ f: the load (n,) with contact forces that balance it, as far as they can; the rest is left out."""
-        f = f - self._unseen @ (self._unseen.T @ f)
-        # Πᵀ f = f − Bᵀ s with the least contact forces s of G s = Rᵀ f.
-        return f - self._B.T @ (self._inverse @ (self._R.T @ f))
+        # Πᵀ f = f − K k − Bᵀ s with the least contact forces s of G s = Rᵀ f along the motions that are seen
+        return f - self.K @ (self._faint.T @ f) - self._B.T @ (self._inverse @ (self._R.T @ f))
 
     def centre(self, u: np.ndarray) -> np.ndarray:
         """Π u: the displacement (n,) without its rigid motion."""
-        u = u - self._R @ (self._inverse.T @ (self._B @ u))
-        return u - self._unseen @ (self._unseen.T @ u)
+        return u - self._R @ (self._inverse.T @ (self._B @ u)) - self._faint @ (self.K.T @ u)
 
 
 @dataclass(frozen=True)

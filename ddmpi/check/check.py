@@ -28,6 +28,7 @@ from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
 from ddmpi.run.gather import drawers
+from ddmpi.run.held import beyond_meshes, motions_to_hold
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
@@ -81,7 +82,8 @@ def _check(
     with claimed:
         log.info("%s", scene.title or scene_path)
         assembly = prepare_scene(world, scene, scene_path, factor=False)
-        mechanism, free = look_for_mechanism(assembly), motions_without_resistance(assembly)
+        held, free = motions_to_hold(assembly), motions_without_resistance(assembly)
+        mechanism = beyond_meshes(assembly, held, look_for_mechanism(assembly))
         still = [
             msgspec.structs.replace(rigid, displacement=(0.0,) * scene.dimension)
             for rigid in scene.rigid

@@ -290,6 +290,7 @@ class CoarseSystem:
     stiffness : M times columns (its size, c) of an owned interface, called with its number
     resists : K (size, size), sparse, the same on all ranks
     kept : (k,) bool, which of the first motions stay where they are
+    held : (k, q) orthonormal columns, combinations of these motions that stay as well
     columns : (owned size, k) sparse, of Z̃ = Zᵀ columns: I if left out; E for the transposed system, whose `E` is I
 
     Construction is collective.
@@ -305,11 +306,16 @@ class CoarseSystem:
         resists: sparse.spmatrix,
         kept: Sequence[bool] | np.ndarray = (),
         columns: sparse.csr_matrix | None = None,
+        held: np.ndarray | None = None,
     ) -> None:
         self._space = motions.space
         moves = sparse.diags(
             np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept)))
         )
+        self._held = np.zeros((motions.size, 0))
+        if held is not None and held.size:
+            self._held = np.vstack([held, np.zeros((motions.size - len(held), held.shape[1]))])
+            moves = moves - sparse.csr_matrix(self._held) @ sparse.csr_matrix(self._held.T)
         with event("CoarseSystem"):
             smooth = []
             for number, (entries, _, block) in enumerate(motions.blocks):
@@ -351,7 +357,7 @@ class CoarseSystem:
         a = self._space.solve_first(
             self._EZ.T @ Mf, lambda total: self._factors.solve(-total if h is None else h - total)
         )
-        return Mf + self._MZ @ a, a
+        return Mf + self._MZ @ a, a - self._held @ (self._held.T @ a) if self._held.size else a
 
 
 class CrossPoints:

@@ -40,6 +40,53 @@ STEPS, MOST = 100, 4000
 """Bodies that move far have compliances for this many load steps, of at most this many nodes (in space 1.1 GiB)."""
 
 
+class Stays:
+    """The rigid motions that stay as they are: kept offsets of bolts, and motions that nothing determines.
+
+    Nothing is asked of the balance of forces along them. A joint and the models of it share one.
+
+    Attributes
+    ----------
+    bolts : (j,) bool, the motions that are kept offsets
+    held : (j, q) orthonormal columns, zero at kept offsets: the motions that nothing determines
+    at : (j,) the amplitudes of both (m), zero for other motions
+    share : of a load that normals and gaps of meshes may bear along held motions
+    """
+
+    share = 0.0
+
+    def __init__(self, size: int) -> None:
+        self.bolts, self.held, self.at = np.zeros(size, bool), np.zeros((size, 0)), np.zeros(size)
+
+    def keep(self, bolts: np.ndarray, alpha: np.ndarray) -> None:
+        """Keep the offsets `bolts` (j,) bool that they have in the motions α (j,); hold no others."""
+        self.bolts, self.held = bolts, np.zeros((len(bolts), 0))
+        self.at = np.where(bolts, alpha, 0.0)
+
+    def hold(self, held: np.ndarray, alpha: np.ndarray) -> None:
+        """Hold the motions `held` (j, q) at the amplitudes that they have in α (j,), beside kept offsets."""
+        self.held = held
+        self.at = np.where(self.bolts, self.at, held @ (held.T @ alpha))
+
+    def moving(self, x: np.ndarray) -> np.ndarray:
+        """The part of x (j,) along motions that do not stay."""
+        x = np.where(self.bolts, 0.0, x)
+        return x - self.held @ (self.held.T @ x) if self.held.size else x
+
+    def drives(self, loads: np.ndarray) -> bool:
+        """Whether loads (j,) drive held motions by more than meshes may bear."""
+        return bool(self.held.size) and norm(self.held.T @ loads) > self.share * norm(loads)
+
+    def settled(self, alpha: np.ndarray) -> np.ndarray:
+        """α (j,) with held motions at their amplitudes."""
+        return alpha - self.held @ (self.held.T @ (alpha - self.at)) if self.held.size else alpha
+
+    def leave(self, Z: np.ndarray) -> np.ndarray:
+        """Z (·, j) of the motions, without those that stay."""
+        Z = Z * (1.0 - self.bolts)
+        return Z - (Z @ self.held) @ self.held.T if self.held.size else Z
+
+
 class Joint:
     """C = Σ C_a over the bodies a, the free gaps d = Σ h_a − gap, and the rigid motions α of loose bodies.
 
@@ -63,7 +110,7 @@ class Joint:
         after `act`
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps support all bodies
     driven : `pushed`, `bolts` and `freed`
-    kept, still : (rigid.size,) the motions that stay as they are, bool, and their amplitudes (m), zero for others
+    stays : the motions that stay as they are
     slices : of the motions by body, empty for supported ones, and by driven partner
     e, K : the loads along the motions (rigid.size,) in newtons, and by how much they resist these (N/m), sparse
     neglected : forces (N) that are negligible in products whose result is kept
@@ -108,7 +155,7 @@ class Joint:
             exchange, space, members, [member.G for member in members], self.driven
         )
         self.bodies = len(self.slices) - len(self.driven)
-        self.kept, self.still = np.zeros(self.rigid.size, bool), np.zeros(self.rigid.size)
+        self.stays = Stays(self.rigid.size)
         # a driven partner is a body without compliance; its rows of G s = e balance contact forces, force and moment
         self._none, self._resisting = (
             sparse.csr_matrix((self.rigid.size,) * 2),
@@ -147,13 +194,18 @@ class Joint:
     def keep(self, bonds: Collection[str], alpha: np.ndarray) -> None:
         """From the next `act` on, keep the offsets that the pretensions of these `bonds`, and of no others, have in the
         motions α (rigid.size,); their forces then follow."""
-        # in place: the model of a joint shares these arrays
+        bolts = np.zeros(self.rigid.size, bool)
         for partner in self.driven:
-            self.kept[self.slices[partner.name]] = partner.bond in bonds
-        self.still[:] = np.where(self.kept, alpha, 0.0)
+            bolts[self.slices[partner.name]] = partner.bond in bonds
+        self.stays.keep(bolts, alpha)
+
+    @property
+    def still(self) -> np.ndarray:
+        """(rigid.size,) the amplitudes of motions that stay as they are (m), zero for others."""
+        return self.stays.at
 
     def at_rest(self) -> Point:
-        """No forces, and no motions but those that are kept. Collective."""
+        """No forces, and no motions but those that stay. Collective."""
         s = np.zeros(self.size)
         return Point(
             s,
@@ -170,7 +222,7 @@ class Joint:
         )
         # d = Σ B_a A_a⁺ b_a − gap is positive where bodies without contact forces would overlap
         self.d = self.d - self.space.gap
-        self.e = np.where(self.kept, 0.0, self.e)
+        self.e = np.where(self.stays.bolts, 0.0, self.e)
         self.K = sum((factors[name] * value for name, value in self._resisting.items()), self._none)
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
@@ -327,9 +379,20 @@ class Joint:
         return interfaces
 
     def imbalance(self, s: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-        """e − G s − K α (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance; zero for kept
-        motions."""
-        return np.where(self.kept, 0.0, self.e - self.rigid.sums(s) - self.K @ alpha)
+        """e − G s − K α (rigid.size,) in newtons: loads on loose bodies that the forces s do not balance, without those
+        along motions that stay."""
+        return self.stays.moving(self.e - self.rigid.sums(s) - self.K @ alpha)
+
+    def unheld(self, s: np.ndarray, alpha: np.ndarray) -> np.ndarray | None:
+        """`imbalance` where motions are held, else None."""
+        return self.imbalance(s, alpha) if self.stays.held.size else None
+
+    def held_back(self, s: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+        """The part of e − G s − K α (rigid.size,) in newtons along held motions, which is left without balance."""
+        held = self.stays.held
+        if not held.size:  # the same on all ranks
+            return np.zeros(self.rigid.size)
+        return held @ (held.T @ (self.e - self.rigid.sums(s) - self.K @ alpha))
 
     def balances(self, left: np.ndarray, size: float) -> bool:
         """Whether the imbalance `left` of driven partners is rounding beside their forces and those of contacts, whose

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -29,7 +30,7 @@ from ddmpi.interface.trace import (
 from ddmpi.kept.kept import Kept
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import ask, asked_for
-from ddmpi.system.numbers import ROUNDING
+from ddmpi.system.numbers import ROUNDING, norm
 
 
 class Member:
@@ -93,6 +94,9 @@ class Member:
         self.G, self.e = np.ascontiguousarray((B @ R).T), R.T @ b.array_r
         self._R = R
         self._centring: Centring | None = None
+        # where contact forces act faintly on motions, with the centring's K: the motions' contact displacements
+        # (q, size), B A⁻¹ K (size, q), and Kᵀ A⁻¹ K (q, q)
+        self._even: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self.dear = False
         self._B, self._points, self._asked, self._memory = B, points, compliance, memory
         self._for = bool(A.getAttr("coarse")), solves
@@ -134,7 +138,7 @@ class Member:
         kept = kept or Kept()
         if not self.elasticity.supported:
             # A is singular. With springs on a few dofs its inverse is a generalised inverse of A; centring removes what
-            # depends on the springs: C ← P C P, h ← P h, P = 1 − Gᵀ(G Gᵀ)⁺G.
+            # depends on the springs: C ← P C P, h ← P h, P = 1 − Gᵀ(G Gᵀ)⁺G; and what `_even` adds.
             self._centring = Centring(self._R, self._B)
         # not kept for another case if the solver is iterative, as it starts from earlier solutions
         self.C, options = kept.get(
@@ -147,6 +151,17 @@ class Member:
         self.C.renew()
         ask(options)
         self.dear = self.C.kind == "iterative"
+        if self._centring and self._centring.faint.any():
+            K = self._centring.K
+            u = kept.get(
+                "faint motions",
+                self.name,
+                (kept.key("compliance", self.name), K),
+                lambda: np.array([self._solved(load) for load in K.T]).T,
+            )
+            self.C.count["faint motions"] += K.shape[1]
+            w = K.T @ u
+            self._even = self._centring.faint, self._B @ u, (w + w.T) / 2
         self._responses = {
             name: self.response_to(
                 case,
@@ -202,14 +217,28 @@ class Member:
             self.trace(case.prescribed) if case.prescribed.any() else 0.0
         ), self._R.T @ case.b
 
+    def push(self, case: LoadCase) -> np.ndarray:
+        """(j,) a load case along the rigid motions (N). Not collective."""
+        return self._R.T @ case.b
+
     def _free(self, load: np.ndarray) -> np.ndarray:
         """B A⁻¹ b (size,) of a load b (d k,). Collective on the body's communicator."""
+        b = self.elasticity.b.duplicate()
+        b.array[:] = load
+        u = self._solved(self._balanced(b).array_r)
+        h = self.C.B @ u
+        if self._centring is None:
+            return h
+        h = self._centring.project(h)
+        return h - self._centring.faint.T @ (self._centring.K.T @ u) if self._even else h
+
+    def _solved(self, load: np.ndarray) -> np.ndarray:
+        """A⁻¹ b (n,) of a load b (n,), which the caller counts. Collective on the body's communicator."""
         b, u = self.elasticity.b.duplicate(), self.elasticity.b.duplicate()
         b.array[:] = load
         with event("LoadResponse"):
-            self.C.solver.solve(self._balanced(b), u)
-        h = self.C.B @ u.array_r
-        return self._centring.project(h) if self._centring else h
+            self.C.solver.solve(b, u)
+        return u.array_r.copy()
 
     def response(self, history: str | None) -> tuple[np.ndarray, np.ndarray]:
         """h (size,) and e (j,) of the loads and clamps with this history, at its factor 1; zero if there are none."""
@@ -303,8 +332,14 @@ class Member:
             self.C.mult(x, y, purpose, relative)
         else:
             # P C P is symmetric, and does not depend on the springs
-            self.C.mult(self._centring.project(x), y, purpose, relative)
+            centred = self._centring.project(x)
+            self.C.mult(centred, y, purpose, relative)
             y[:] = self._centring.project(y)
+            if self._even:
+                # B Π A⁻¹ Πᵀ Bᵀ with Πᵀ Bᵀ x = Bᵀ P x − K F x and W = B A⁻¹ K: of the faint motions F
+                F, W, w = self._even
+                along = F @ x
+                y += F.T @ (w @ along - W.T @ centred) - self._centring.project(W @ along)
 
     @property
     def known(self) -> bool:
@@ -314,7 +349,14 @@ class Member:
     def dense(self) -> np.ndarray:
         """C (size, size) as a matrix, centred (m/N)."""
         C = self.C.dense()
-        return C if self._centring is None else self._centring.project(self._centring.project(C).T)
+        if self._centring is None:
+            return C
+        C = self._centring.project(self._centring.project(C).T)
+        if self._even:  # as in `mult`
+            F, W, w = self._even
+            both = self._centring.project(W) @ F
+            C = C - both - both.T + F.T @ w @ F
+        return C
 
     def restart(self) -> None:
         """Count multiplications from the set-up on, for another iteration on the same factors."""
@@ -442,12 +484,17 @@ class Member:
         return self.h + self.G.T @ alpha - yielded, yielded, energy, work
 
     def displacement(
-        self, s: np.ndarray, alpha: np.ndarray | None = None, purpose: str = "displacement"
+        self,
+        s: np.ndarray,
+        alpha: np.ndarray | None = None,
+        purpose: str = "displacement",
+        left: np.ndarray | None = None,
     ) -> tuple[np.ndarray, float, float, float]:
         """Displacement under the load and the contact forces s (size,) in newtons.
 
         A loose body also moves by the rigid motions α (j,) in metres; without them its displacement is centred, as in
-        `h` and `mult`. Collective on the body's communicator. Raises SolverError.
+        `h` and `mult`. `left` (j,) are the loads along its motions that are left without balance (N), where some motions
+        are held; then what these bear does not count. Collective on the body's communicator. Raises SolverError.
 
         Returns
         -------
@@ -471,14 +518,20 @@ class Member:
             # A is the stiffness without springs, so the residual has the loads that contact forces do not balance
             A.mult(u, Au)
             energy = 0.5 * u.dot(Au)
-            Au.axpy(-1.0, f)
+            Au.axpy(-1.0, f if left is None else load)
+            unbalanced = Au.norm() if left is None else math.hypot(Au.norm(), norm(left))
             full = self.elasticity.expand(u)
             acting = self.elasticity.acting
             # ½ (u_f + p)ᵀ K (u_f + p) = ½ u_fᵀ A u_f + K p · (u − ½ p) for u = u_f + p with the prescribed p.
             energy += float((acting.taken * (full - 0.5 * acting.prescribed)).sum())
             # ½ ∫ (ε − ε_heat) : C : (ε − ε_heat): the square of the heat's own root less the work of its nodal loads.
             energy += 0.5 * acting.stored**2 - float((acting.heat * full).sum())
-            return (full if alpha is None else full + self.motions @ alpha), Au.norm(), size, energy
+            return (
+                (full if alpha is None else full + self.motions @ alpha),
+                unbalanced,
+                size,
+                energy,
+            )
 
     def _balanced(self, f: PETSc.Vec) -> PETSc.Vec:
         """The load f; of a loose body, f plus contact forces that balance it."""

@@ -25,6 +25,8 @@ from ddmpi.methods.outer import Outer
 from ddmpi.sets import magnitude
 from ddmpi.system.agreement import agreed
 
+DRIVEN = "it drives a motion that nothing but the errors of meshes resists"
+
 Derived = dict[str, np.ndarray]
 """Of each parameter p: forces ``s`` (p, size), relative displacements less gaps ``closed`` (p, size), motions ``alpha``
 (p, rigid.size), work of friction so far ``dissipated`` (p, nc) at the contacts of this rank, how far the parameter may
@@ -55,11 +57,12 @@ class Answered(Protocol):
 class Chain:
     """The derivatives of the answers of an assembly by some valid `keys` of its scene, maybe none.
 
-    Construction raises InputError, on all ranks, where a clamp cannot change alone.
+    `driving` has, by key whose load drives a motion that is held, why there is no derivative. Construction raises
+    InputError, on all ranks, where a clamp cannot change alone.
     """
 
     def __init__(self, assembly: Assembly, keys: list[str]) -> None:
-        self.assembly, self.parameters = assembly, list[Parameter]()
+        self.assembly, self.parameters, self.driving = assembly, list[Parameter](), dict[str, str]()
         with agreed(assembly.world):
             for key in keys:
                 with naming(f"output.derivatives: {key}"):
@@ -107,12 +110,15 @@ class Chain:
         for k, one in enumerate(self.parameters):
             start = self._start(k, time, now, before) if now and before else np.zeros(space.size)
             rho, de = self._changes(k, factors, answer.displacements)
+            drives = joint.stays.drives(de)
+            if drives:
+                self.driving[one.key] = DRIVEN
             bounds, former_bounds = (one.bounds(self.assembly, forces) for forces in (s, former))
-            # offsets of bolts that are kept are those of the step before, and so are their derivatives
-            kept = np.where(joint.kept, since["alpha"][k], 0.0)
+            # motions that stay are those of the step before, and so are their derivatives
+            kept = since["alpha"][k] - joint.stays.moving(since["alpha"][k])
             changed = equations.direct(
                 rho + joint.rigid.spread(kept) - start,
-                np.where(joint.kept, 0.0, de),
+                joint.stays.moving(de),
                 equations.along_slip(bounds),
             )
             fall, rise = equations.until(changed, bounds)
@@ -134,7 +140,7 @@ class Chain:
                     "closed": start - changed.r,
                     "alpha": changed.alpha + kept,
                     "dissipated": since["dissipated"][k] + np.array(work),
-                    "residual": max(changed.residual, since["residual"][k]),
+                    "residual": np.inf if drives else max(changed.residual, since["residual"][k]),
                     "until": [max(fall, since["until"][k, 0]), min(rise, since["until"][k, 1])],
                 }
             )
@@ -142,11 +148,11 @@ class Chain:
 
     def entries(
         self, time: float, derived: Derived, answer: Answered
-    ) -> tuple[dict[str, Entry | None], dict[str, Entry]]:
-        """The derivatives of results as `entries_of` has them; empty without keys."""
+    ) -> tuple[dict[str, Entry | None], dict[str, Entry], dict[str, str]]:
+        """The derivatives of results as `entries_of` has them, empty without keys; and `driving`."""
         if not derived:
-            return {}, {}
-        return entries_of(
+            return {}, {}, {}
+        entries = entries_of(
             self.assembly,
             self.parameters,
             derived,
@@ -154,6 +160,7 @@ class Chain:
             answer.displacements,
             answer.states,
         )
+        return *entries, self.driving
 
     @cached_property
     def _responses(self) -> list[tuple[np.ndarray, np.ndarray]]:

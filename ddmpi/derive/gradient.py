@@ -62,8 +62,8 @@ class Functional:
 
 
 def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -> Entry:
-    """The derivatives of a `result`, such as "contacts.fit.normal_force" or "bodies.shaft.reaction.y", by key, and
-    under "gap" by the gap at every node (m,) of each contact; of an answer in one load step.
+    """The derivatives of a `result`, such as "contacts.fit.normal_force", by key, None where a load drives a motion
+    that is held, and under "gap" by the gap at every node (m,) of each contact; of an answer in one load step.
 
     Collective. Raises InputError for an unknown result, and SolverError where the equations are not solved precisely.
     """
@@ -83,7 +83,7 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
         wanted.forces = joint.exchange.total(of_bodies, "reaction")
     equations = outer.linearisation()
     w, q, beta, fields, moved = _adjoint(assembly, equations, wanted, result)
-    found, known = list[float](), list[str]()
+    found, known, pulls = list[float](), list[str](), list[np.ndarray]()
     for one in _parameters(assembly):
         known.append(one.key)
         # what γ and changes of bounds add at given forces; around loads and motions, the work of w
@@ -102,12 +102,32 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
             if one.moved and one.moved[0] == wanted.partner:
                 total += float(one.moved[1][wanted.axis])
         found.append(total)
-    totals = world.allreduce(np.array(found))
-    gaps = {
-        interface.name: -interface.scale * w[part][: interface.m]
-        for interface, part in assembly.space.with_slices()
-    }
-    return Entry(zip(known, totals.tolist(), strict=True), gap=Entry(merged(world, gaps)))
+        pulls.append(_pull(assembly, one, answer))
+    gaps = {met.name: -met.scale * w[part][: met.m] for met, part in assembly.space.with_slices()}
+    told = zip(known, _told(assembly, found, pulls), strict=True)
+    return Entry(told, gap=Entry(merged(world, gaps)))
+
+
+def _told(assembly: Assembly, found: list[float], pulls: list[np.ndarray]) -> list[float | None]:
+    """The sums of derivatives over the ranks, None where loads drive a motion that is held. Collective."""
+    totals = assembly.world.allreduce(np.array(found)).tolist()
+    if not assembly.joint.stays.held.size:
+        return totals
+    driving = assembly.world.allreduce(np.array(pulls))
+    return [
+        None if assembly.joint.stays.drives(pull) else total
+        for total, pull in zip(totals, driving, strict=True)
+    ]
+
+
+def _pull(assembly: Assembly, one: Parameter, answer: Answered) -> np.ndarray:
+    """The change (rigid.size,) of loads along rigid motions by a parameter, this rank's part (N). Not collective."""
+    pull, slices = np.where(assembly.world.rank == 0, 1.0, 0.0) * one.force, assembly.joint.slices
+    cases = one.load(assembly, answer.displacements, 1.0)
+    for body in assembly.bodies:
+        if body.spec.name in cases:
+            pull[slices[body.spec.name]] += body.member.push(cases[body.spec.name])
+    return pull
 
 
 def _adjoint(

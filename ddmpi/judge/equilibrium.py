@@ -32,6 +32,8 @@ IMBALANCE = 1e-6
 """There is no equilibrium if this fraction of the loads on a body stays without balance. By this fraction of its
 velocity a mechanism may press into a contact, the solver's tolerance."""
 
+SLOWEST = 1e-4  # rows that meet slower motions than this fraction of the fastest are compared with this fraction
+
 LIGHTEST = (
     1e-3,
     1e-6,
@@ -58,17 +60,20 @@ class Mechanism:
     bodies : the loose ones
     velocities : (nb, n) of each, as of `MotionsOfBody`; the fastest node has velocity 1
     imbalance : least loads that no forces balance, as a fraction of the loads on a body
+    because : what follows the motion in words, where only the facets of meshes resist it
     """
 
     bodies: tuple[MotionsOfBody, ...]
     velocities: np.ndarray
     imbalance: float
+    because: str = ""
 
 
 def describe(mechanism: Mechanism) -> str:
     """The mechanism in words that begin with "no equilibrium". Not collective."""
     motions = describe_motions(mechanism.bodies, mechanism.velocities)
-    return f"no equilibrium: {motions}{' (or should its `along` be turned round?)' * ('pretension of' in motions)}"
+    doubt = " (or should its `along` be turned round?)" * ("pretension of" in motions)
+    return f"no equilibrium: {motions}{mechanism.because}{doubt}"
 
 
 def find_mechanism(
@@ -218,11 +223,16 @@ class _Free:
             np.linalg.norm((tangential @ v).reshape(-1, self._components), axis=1)
             for tangential in (forces.friction, forces.given)
         )
-        presses = max(
-            (forces.normal @ v + slope * slides).max(initial=0.0),
-            np.abs(forces.bonded @ v).max(initial=0.0),
+        # what a row presses is compared with the motions that meet there, and what a bond tears with the bodies that it
+        # joins, not with the fastest of all bodies: one that carries nothing is by far the fastest in rounding
+        least = SLOWEST * speeds.max()
+        by_motion = np.repeat(speeds, [body.basis.shape[1] for body in self._bodies])
+        presses = forces.normal @ v + slope * slides > IMBALANCE * np.maximum(
+            abs(forces.normal) @ np.abs(v) + slope * slides, least
         )
-        if not presses <= IMBALANCE * speeds.max():
+        joined = (forces.bonded != 0.0).multiply(by_motion).tocsr().max(axis=1).toarray().ravel()
+        tears = np.abs(forces.bonded @ v) > IMBALANCE * np.maximum(joined, least)
+        if presses.any() or tears.any():
             return 0.0
         return float(self._e @ v - forces.bound @ given) / ((speeds * self._loads).max() or 1.0)
 

@@ -24,6 +24,8 @@ DIGITS = 6  # places that agree to this many digits of a body's size are equal
 FLAT = 1e-3  # least thickness of a body over its size
 LARGEST = 300  # skip the search for free motions in larger groups of bodies
 
+TURN = " can turn "  # in the words for a motion with a moment along it
+
 RESISTED = 3e-4
 """Resistance below this fraction of that of other motions counts as none. Meshes that do not match resist turning of a
 round part in a round bore by up to 1.5e-4, because their normals are off; the true resistance is zero."""
@@ -147,7 +149,7 @@ def undetermined(
                     [body.basis @ of_body for body, of_body in zip(some, coefficients, strict=True)]
                 )
                 if not abs(work) > SAME * most.max():  # of both ways the one along the axes
-                    work = _forwards(some, velocities)
+                    work = forwards(some, velocities)
                 way = describe_motions(some, -velocities if work < 0.0 else velocities, "can")
                 unresisted.append(f"{way} without any force")
     return untouched + unresisted
@@ -167,7 +169,7 @@ def _null_space(A: np.ndarray) -> np.ndarray:
     return np.linalg.solve(null[:, pivots], null)
 
 
-def _forwards(bodies: Sequence[MotionsOfBody], velocities: np.ndarray) -> float:
+def forwards(bodies: Sequence[MotionsOfBody], velocities: np.ndarray) -> float:
     """Whether the fastest body moves, or turns, along the axes (positive) or against them (negative)."""
     lead = int(np.argmax([body.speed(v) for body, v in zip(bodies, velocities, strict=True)]))
     v, d = velocities[lead], bodies[lead].dimension

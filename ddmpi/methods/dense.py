@@ -85,7 +85,7 @@ class Direct:
         unknowns += dgetrs(factors, pivots, np.concatenate(right) - K @ unknowns + steers)[0]
         if not np.isfinite(unknowns).all():
             return None
-        dy, alpha = linearised.expand(unknowns[:k]), unknowns[k:]
+        dy, alpha = linearised.expand(unknowns[:k]), joint.stays.moving(unknowns[k:])
         change, C_change = change + dy, C_change + joint.product(dy, "newton")
         left = joint.imbalance(point.s + change, point.alpha + alpha) - point.left
         return Point(change, C_change - rigid.spread(alpha), alpha, left)
@@ -97,10 +97,11 @@ def matrix(
     """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, K + springs], of k unknown forces and j rigid motions. Not collective.
 
     C (size, size) is symmetric, Z (size, j) are the contact displacements of the motions, D (k,) are compliances, and
-    `springs` (j,) the stiffnesses ε E* that steer. K is that of loads on bodies that move far. The changes of kept
-    motions are zero, in place of their equilibrium.
+    `springs` (j,) the stiffnesses ε E* that steer. K is that of loads on bodies that move far. The changes of motions
+    that stay are zero, in place of their equilibrium.
     """
-    Z, springs = joint.rigid.Z.toarray() * (1.0 - joint.kept), np.where(joint.kept, 1.0, springs)
+    stays = joint.stays
+    Z, springs = stays.leave(joint.rigid.Z.toarray()), np.where(stays.bolts, 1.0, springs)
     unknown, turn, size, k = linearised.unknown, linearised.turn, len(C), linearised.number
     both = np.hstack([C, Z])
     follow = np.flatnonzero(linearised.coupling)

@@ -307,8 +307,9 @@ class LinearProblem:
                 self._weights,
                 self._half_space.on_interface,
                 resists,
-                joint.kept,
+                joint.stays.bolts,
                 E if transposed else None,
+                joint.stays.held,
             )
 
     def precondition(

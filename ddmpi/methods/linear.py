@@ -122,7 +122,7 @@ class Linearisation:
         """The unknown forces y (k,), the motions α, C times the forces (size,), and the relative residual."""
         joint, space, rigid = self.joint, self.joint.space, self.joint.rigid
         y, alpha, product = np.zeros(len(f)), np.zeros(rigid.size), np.zeros(space.size)
-        h = np.where(joint.kept, 0.0, h)  # no forces are asked of motions that stay where they are
+        h = joint.stays.moving(h)  # no forces are asked of motions that stay where they are
         residual = 0.0 if not (space.any(f) or h.any()) else np.inf
         if not residual or not space.any(np.ones(len(f))):
             return y, alpha, product, residual
@@ -140,7 +140,7 @@ class Linearisation:
             # the true equations, without ε and D at nodes of several contacts
             product = joint.product(outward(y), PURPOSE, AIM)
             left = f - inward(product - rigid.spread(alpha)) - layer * y
-            out = np.where(joint.kept, 0.0, h - rigid.sums(outward(y)) - joint.K @ alpha)
+            out = joint.stays.moving(h - rigid.sums(outward(y)) - joint.K @ alpha)
             # relative to the largest so far, as a motion may cancel nearly all of f, and forces may cancel each other
             misfit, moved, now = space.norms([left, inward(rigid.spread(alpha)), y])
             size, pull = max(size, moved), max(pull, now)

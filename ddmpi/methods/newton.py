@@ -135,7 +135,14 @@ class Newton(Outer):
         foreseen : whether `warm` predicts this load step, so that its gaps tell the first status of nodes
         """
         joint = self.joint
-        self._at = Point(*warm, joint.imbalance(warm[0], warm[2])) if warm else joint.at_rest()
+        if warm:
+            s, r, alpha = warm
+            if joint.rigid.size and joint.stays.held.size:  # a prediction may have moved them
+                before, alpha = alpha, joint.stays.settled(alpha)
+                r = r - joint.rigid.spread(alpha - before)
+            self._at = Point(s, r, alpha, joint.imbalance(s, alpha))
+        else:
+            self._at = joint.at_rest()
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
         self._paths = list(PATHS if len(joint.e) else PATHS[::-1])  # not tried yet
@@ -474,6 +481,23 @@ class Newton(Outer):
     def linearisation(self) -> Linearisation:
         """The equations at the present forces, for the derivatives of the answer. Collective."""
         return Linearisation(self.joint, self._preconditioner, self._at, self._c)
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """(size,) the gaps under the present forces (m)."""
+        return self._at.r
+
+    def negligible(self, fraction: float) -> float:
+        """This fraction of the largest force, or of the least size that forces are compared with (N). Collective."""
+        least = fraction / NO_FORCE * self._least_size
+        return max(fraction * self.space.largest(self._at.s), least)
+
+    def shift(self, way: np.ndarray) -> None:
+        """Move the bodies on by the motions `way` (rigid.size,), which no force resists. Collective."""
+        s, r, alpha, _ = self._at
+        alpha = alpha + way
+        r = r - self.joint.rigid.spread(way)
+        self._at, self._misfit = Point(s, r, alpha, self.joint.imbalance(s, alpha)), None
 
     def refresh(self, u: list[np.ndarray]) -> None:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""

@@ -279,7 +279,8 @@ class InteriorPoints:
                 np.ones(size),
                 lambda _, block: block,
                 UNSEEN * sparse.identity(joint.rigid.size),
-                joint.kept,
+                joint.stays.bolts,
+                held=joint.stays.held,
             ).correct(r)
             alpha -= motions
         # each gap w begins at the largest of: the widest clearance, what the first force closes, and its r

@@ -12,6 +12,7 @@ import numpy as np
 from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
+from ddmpi.judge.motions import TURN
 from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
 from ddmpi.scene.method import Cycle, units
@@ -86,6 +87,10 @@ ROWS = {
 what every entry of summary.json means."""
 
 
+NEGLIGIBLE = 1e-4
+"""Loads along held motions below this fraction of their bound are not told."""
+
+
 def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: int = 4) -> str:
     """An entry of a body, contact or rigid partner in words: "3 open", "largest pressure 64.42 MPa", "force (3, −4) N"."""
     row, value = ROWS[f"{table}.NAME.{key}"], summary[table][name][key]
@@ -119,6 +124,23 @@ def place_of_all(entries: Iterable[Mapping[str, Any]], key: str) -> np.ndarray |
         if placed
         else None
     )
+
+
+def held_in_words(summary: Mapping[str, Any]) -> list[str]:
+    """What is said of each of the motions that were held, as nothing determines them."""
+    lines = []
+    for held in summary.get("held_motions", ()):
+        unit = summary["units"]["moment" if TURN in held["motion"] else "force"]
+        load, bound = as_float(held["moment"]), as_float(held["bound"])
+        left = (
+            ""
+            if load <= NEGLIGIBLE * bound
+            else (
+                f". Its facets and gaps leave {load:.3g} {unit} along it, of {bound:.3g} that they may"
+            )
+        )
+        lines.append(f"{held['motion']}; held where it was{left}")
+    return lines
 
 
 def count(contacts: Iterable[Mapping[str, Any]]) -> str:

@@ -7,6 +7,7 @@ Each rank describes the forces that its contacts allow or resist in a few column
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Self
 
 import numpy as np
@@ -58,11 +59,8 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
     if not assembly.loose or len(assembly.loose) > LARGEST:
         return None
     world, space, joint, scene = assembly.world, assembly.space, assembly.joint, assembly.scene
-    loads = joint.of_all(
-        [np.array([body.member.elasticity.load]) for body in _loose(assembly)],
-        [np.array([size]) for size in assembly.pushes.values()],
-    )
-    moves = sparse.diags(1.0 - joint.kept)
+    loads = loads_of_loose(assembly)
+    moves = sparse.diags(1.0 - joint.stays.bolts)
     with agreed(world):
         allowed = {
             interface.name: Forces.of(interface, G)
@@ -72,7 +70,7 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
             )
             if G.nnz
         }
-    forces, bodies = gathered(world, allowed), _with_partners(assembly)
+    forces, bodies = gathered(world, allowed), with_partners(assembly)
     return from_first(
         world,
         lambda: (
@@ -85,6 +83,14 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
             if has_clarabel()
             else None
         ),
+    )
+
+
+def loads_of_loose(assembly: Assembly) -> np.ndarray:
+    """(nb,) the sums of the sizes of all nodal loads on loose bodies and driven partners (N). Collective."""
+    return assembly.joint.of_all(
+        [np.array([body.member.elasticity.load]) for body in _loose(assembly)],
+        [np.array([size]) for size in assembly.pushes.values()],
     )
 
 
@@ -154,7 +160,7 @@ def _undetermined(
             ),
             sparse.vstack([friction @ Z[part], abs(friction) @ abs(Z[part])]),
         )
-    of_all, bodies = gathered(assembly.world, of_rank), _with_partners(assembly)
+    of_all, bodies = gathered(assembly.world, of_rank), with_partners(assembly)
 
     def describe() -> list[str]:
         none = (
@@ -162,17 +168,18 @@ def _undetermined(
             sparse.csr_matrix((2, size)),
         )  # of a scene without contacts
         forces, slipping = zip(none, *of_all.values(), strict=True)
-        kept = sparse.identity(size, format="csr")[
-            assembly.joint.kept
-        ]  # as if forces resisted them
-        return undetermined(sparse.vstack([*forces, kept]).T, bodies, sum(slipping).toarray())
+        stays = assembly.joint.stays  # as if forces resisted them
+        still = sparse.vstack(
+            [sparse.identity(size, format="csr")[stays.bolts], sparse.csr_matrix(stays.held.T)]
+        )
+        return undetermined(sparse.vstack([*forces, still]).T, bodies, sum(slipping).toarray())
 
     return from_first(assembly.world, describe)
 
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     """How the loose bodies drift, in words; `motions` as `Outer.motions`. Collective."""
-    bodies, slices = _with_partners(assembly), assembly.joint.slices
+    bodies, slices = with_partners(assembly), assembly.joint.slices
     return from_first(
         assembly.world,
         lambda: (
@@ -207,7 +214,7 @@ def _loose(assembly: Assembly) -> list[Body]:
     return [body for body in assembly.bodies if len(body.member.e)]
 
 
-def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
+def with_partners(assembly: Assembly) -> list[MotionsOfBody]:
     """On the first rank all loose bodies and driven partners, in the order of their motions. Collective.
 
     A partner has the outline of the contact nodes that face it.
@@ -341,8 +348,11 @@ class Mark:
         )
 
 
-def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
-    """By displacements of all nodes. Not collective."""
+def displaced(
+    assembly: Assembly, outer: Outer, largest: np.ndarray, left: np.ndarray | None = None
+) -> Moved:
+    """By displacements of all nodes. `left` (rigid.size,) are the loads along motions that are not held which the forces
+    leave without balance (N), None if none is held. Not collective."""
     displacements, traces, sizes = (
         dict[str, np.ndarray](),
         list[np.ndarray](),
@@ -350,8 +360,9 @@ def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
     )
     beside: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
-        member, alpha = body.member, outer.motions[assembly.joint.slices[body.spec.name]]
-        u, left, acting, energy = (
+        member, at = body.member, assembly.joint.slices[body.spec.name]
+        alpha = outer.motions[at]
+        u, apart, acting, energy = (
             np.zeros_like(member.elasticity.acting.prescribed),
             np.nan,
             0.0,
@@ -360,7 +371,9 @@ def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
         with (
             assembly.exchange.deferred()
         ):  # an error is raised on all ranks, after the next exchange
-            u, left, acting, energy = recover(member, s, alpha, largest)
+            u, apart, acting, energy = recover(
+                member, s, alpha, largest, _of_body(assembly, at, left)
+            )
         traces.append(member.trace(u))
         # C s, by which contact forces move the contacts: all but the free displacement and rigid motions
         yielding = float(np.abs(member.h + member.G.T @ alpha - traces[-1]).max(initial=0.0))
@@ -368,7 +381,7 @@ def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
         beside |= {key: (*motion, yielding) for key, motion in member.beside(u).items()}
         farthest = float(np.linalg.norm(u, axis=1).max())
         sizes[member.name] = {
-            "left": left,
+            "left": apart,
             "acting": acting,
             "moved": farthest,
             "yielding": yielding,
@@ -380,7 +393,14 @@ def displaced(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
     return displacements, traces, sizes, beside
 
 
-def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
+def _of_body(assembly: Assembly, at: slice, left: np.ndarray | None) -> np.ndarray | None:
+    """The part of `left` of the body with the motions `at`, None if none of these is held. Not collective."""
+    return left[at] if left is not None and assembly.joint.stays.held[at].any() else None
+
+
+def at_contacts(
+    assembly: Assembly, outer: Outer, largest: np.ndarray, left: np.ndarray | None = None
+) -> Moved:
     """The same by products with the compliances, as far as these know it. Not collective."""
     force, moved, _ = NOTHING * largest
     traces, sizes, beside = (
@@ -389,7 +409,8 @@ def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
         dict[tuple[str, int], tuple](),
     )
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
-        member, alpha = body.member, outer.motions[assembly.joint.slices[body.spec.name]]
+        member, at = body.member, assembly.joint.slices[body.spec.name]
+        alpha, apart = outer.motions[at], _of_body(assembly, at, left)
         u, yielded, energy, work = *np.full((2, member.size), np.nan), np.nan, np.zeros((2, 1))
         with assembly.exchange.deferred():
             u, yielded, energy, work = member.at_contacts(s, alpha)
@@ -399,8 +420,9 @@ def at_contacts(assembly: Assembly, outer: Outer, largest: np.ndarray) -> Moved:
         traces.append(u)
         farthest, yielding = (float(np.abs(array).max(initial=0.0)) for array in (u, yielded))
         beside |= {(name, side): (None, None, yielding) for name, (_, side) in member.parts.items()}
+        apart = member.e - member.G @ s if apart is None else apart
         sizes[member.name] = {
-            "left": norm(member.e - member.G @ s),
+            "left": norm(apart),
             "acting": acting,
             "moved": farthest,
             "yielding": yielding,
@@ -551,10 +573,15 @@ def way_down(assembly: Assembly) -> np.ndarray:
 
 
 def recover(
-    member: Member, s: np.ndarray, alpha: np.ndarray, largest: np.ndarray
+    member: Member,
+    s: np.ndarray,
+    alpha: np.ndarray,
+    largest: np.ndarray,
+    apart: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float, float, float]:
     """`Member.displacement`, but zero where it and its forces are rounding beside the `largest` sizes (3,) so far."""
-    u, left, acting, energy = member.displacement(s, alpha)
+    solve = member.displacement if apart is None else partial(member.displacement, left=apart)
+    u, left, acting, energy = solve(s, alpha)
     force, moved, _ = NOTHING * largest
     if acting <= force and np.abs(u).max() <= moved:
         u, energy = np.zeros_like(u), 0.0

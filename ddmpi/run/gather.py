@@ -82,11 +82,13 @@ class StepLog:
     doubts : warnings of answers at the ends of legs before the last one, the first of each kind
     run, change, cycle : cycles begun; change of forces over the last, see `Cycle.until`; the present one, 0 outside
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
-    derived : the derivatives at the end of the last leg, of results and of arrays, as of `ddmpi.derive.entries_of`
+    derived : the derivatives at the end of the last leg, of results and of arrays, as of `ddmpi.derive.entries_of`;
+        and by key why there is none
     """
 
     def __init__(self) -> None:
-        self.doubts, self.derived = dict[str, Doubt](), (dict[str, Any](), dict[str, Any]())
+        self.doubts = dict[str, Doubt]()
+        self.derived: tuple[dict[str, Any], ...] = {}, {}, {}
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
         self.run, self.change = 0, math.nan
         self.cycle: int | None = None
@@ -144,9 +146,15 @@ class StepLog:
         """The steps in summary.json: of cycles those of the last one."""
         return [step for step in self.steps if step.get("cycle", 0) in (0, self.run)]
 
-    def derive(self, entries: dict[str, Any], arrays: dict[str, Any], several: bool = True) -> None:
+    def derive(
+        self,
+        entries: dict[str, Any],
+        arrays: dict[str, Any],
+        lost: dict[str, str],
+        several: bool = True,
+    ) -> None:
         """Note the derivatives at the end of the last step; it is that of a leg, if there are `several` steps."""
-        self.derived = plain(entries), arrays
+        self.derived = plain(entries), arrays, lost
         if several and entries:
             self.steps[-1]["derivatives"] = self.derived[0]
 
@@ -293,7 +301,7 @@ def gather_summary(
             "levels": [level._asdict() for level in ladder.levels],
         },
         "warnings": [*warnings, *unused_words(left)],
-        "undetermined": free,
+        **_motions(free, solution),
         "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
         "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
         "solvers": {"qp": outer.qp_type},
@@ -323,6 +331,11 @@ def _with_middles(body: Body) -> float:
     facets = ((d + 1) * len(mesh.triangles) + len(mesh.boundary[0])) / 2
     edges = facets if d == 2 else vertices + facets - len(mesh.triangles)
     return body.member.elasticity.n * (vertices + edges) / vertices
+
+
+def _motions(free: list[str], solution: Solution) -> dict[str, list]:
+    """The summary's entries of motions that no contact resists."""
+    return {"undetermined": free, "held_motions": [motion.entry() for motion in solution.held]}
 
 
 def _body(

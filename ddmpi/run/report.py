@@ -11,7 +11,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.elements import CELLS
 from ddmpi.methods.outer import Step
-from ddmpi.results.summary import as_float, count, largest, tell
+from ddmpi.results.summary import as_float, count, held_in_words, largest, tell
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
@@ -227,12 +227,19 @@ def log_end(summary: dict, solution: Solution) -> None:
                 f"; with mesh.order = 2 it is smaller, and these cells have about {quadratic} "
                 f"unknowns ({summary['n']} now)"
             )
+    lines += _some_motions(held_in_words(summary) if not solution.mechanism else [])
     motions = summary["undetermined"]
-    lines += [f"{motion}; how far it has moved is not determined" for motion in motions[:NAMED]]
-    if len(motions) > NAMED:
-        lines.append(f"and {len(motions) - NAMED} more such motions, which summary.json lists")
+    lines += _some_motions(
+        [f"{motion}; how far it has moved is not determined" for motion in motions]
+    )
     for line in lines:
         log.info("%s", line)
+
+
+def _some_motions(lines: list[str]) -> list[str]:
+    """The first lines, and how many more there are."""
+    more = len(lines) - NAMED
+    return lines[:NAMED] + [f"and {more} more such motions, which summary.json lists"] * (more > 0)
 
 
 def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[str]:

@@ -40,6 +40,7 @@ from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import undetermined_motions
 from ddmpi.run.gather import Solved, StepLog, fields_of, gather_summary, write_files
+from ddmpi.run.held import coarse_words
 from ddmpi.run.places import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution
@@ -369,6 +370,7 @@ def _judge(
     free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
     warnings = [*assembly.warnings, *locking_of(scene)]
     if solution.certified:
+        warnings += coarse_words(solution.held)
         doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
         infinite, edges = doubt_edges(assembly.in_world(), solution.states)
         warnings += [*doubts, *infinite, *steps.doubts_beside([*doubts, *free])]
@@ -381,9 +383,10 @@ def _judge(
                     edges,
                 ),
             ]
+        unsolved = f"GMRES does not solve their equations to {ENOUGH:.0e}"
         warnings += [
             Doubt(
-                f"derivatives.{key}: not given, because GMRES does not solve their equations to {ENOUGH:.0e}",
+                f"derivatives.{key}: not given, because {steps.derived[2].get(key, unsolved)}",
                 "derivatives",
                 of=f"derivatives.{key}",
             )

@@ -35,6 +35,8 @@ from ddmpi.run.equilibrium import (
     driven_partners,
     look_for_mechanism,
 )
+from ddmpi.run.held import Held, HeldMotion, beyond_meshes, judge_held, motions_to_hold
+from ddmpi.run.least import least_motion
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import agreed, gathered
@@ -78,6 +80,7 @@ class Solution:
     drift : how loose bodies drift, in words
     moved : (size,) relative displacement of the bodies at the interfaces that this rank owns (m)
     prescribed : (size,) the share of rigid partners in it, driven ones as well (m)
+    held : motions that nothing determines
     energy : strain energy of all bodies (J)
     sizes : (3,) largest nodal contact force (N), displacement, and displacement by contact forces (m)
     work : (2, cases) of all bodies, as `Member.work`, by history in the order of the scene
@@ -97,6 +100,7 @@ class Solution:
     drift: str = ""
     moved: np.ndarray = field(default_factory=lambda: np.empty(0))
     prescribed: np.ndarray = field(default_factory=lambda: np.empty(0))
+    held: Sequence[HeldMotion] = ()
     energy: float = 0.0
     sizes: np.ndarray = field(default_factory=lambda: np.zeros(3))
     work: np.ndarray = field(default_factory=lambda: np.empty((2, 0)))
@@ -168,6 +172,12 @@ class Iteration:
         for body in assembly.bodies:
             body.member.restart()
         self.statuses = StatusLog(assembly.space)
+        self._coarse, self._bolts, self.held = (
+            True,
+            np.zeros(0, bool),
+            Held(np.zeros((assembly.joint.rigid.size, 0))),
+        )
+        self.hold(np.zeros(assembly.joint.rigid.size))
 
         def note(step: Step) -> None:
             self.statuses.record(self.outer.forces, self.outer.bound)
@@ -187,6 +197,13 @@ class Iteration:
         self.given = assembly.world.allreduce(
             max(body.member.C.solver.given for body in assembly.bodies), MPI.MAX
         )
+
+    def hold(self, alpha: np.ndarray) -> None:
+        """Hold the motions that nothing determines at the amplitudes that they have in α (rigid.size,). Collective."""
+        stays, self._before = self.assembly.joint.stays, alpha
+        if not np.array_equal(self._bolts, stays.bolts):
+            self.held, self._bolts = motions_to_hold(self.assembly, self._coarse), stays.bolts
+        stays.hold(self.held.span, alpha)
 
     def begin(self) -> None:
         """Forget the certificates of the load step before; the outer method begins anew by itself."""
@@ -258,18 +275,16 @@ class Iteration:
                         f"{method.tolerance:g}: leave that option out",
                     )
                 raise
+            if stopped == "converged" and isinstance(outer, Newton):
+                least_motion(assembly, outer, self._before)
             self._stopped = stopped
             self._note()  # results follow from here, whatever prevents them from being written
             with self.clock.phase("recover"):
-                solution = None
-                if (
-                    stopped == "converged" and lean()
-                ):  # what this certificate doubts is judged by displacements
-                    solution = self.conclude(stopped, since, largest, lean=True)
-                if solution is None or not solution.certified:
-                    solution = self.conclude(stopped, since, largest)
-                if stopped == "drift":
-                    solution = replace(solution, drift=describe_drift(assembly, outer.motions))
+                solution = self._concluded(stopped, since, largest, lean)
+            held, driven = self._left_along_held(stopped)
+            if driven == "released":
+                continue
+            solution = replace(solution, held=held)
             worst = max(value for value, _ in solution.certificate.worst().values())
             least, useless, steps = self._judged
             useless = 0 if worst < USEFUL * least else useless + (len(outer.history) > steps)
@@ -279,6 +294,8 @@ class Iteration:
                 or self._tolerance < sys.float_info.epsilon
                 or (solution.unbalanced and not assembly.loose)
             )
+            if isinstance(driven, Mechanism):
+                return replace(solution, mechanism=driven, stopped="mechanism")
             if stopped != "converged" or solution.certified or hopeless:
                 return replace(solution, mechanism=mechanism)
             self._stopped = ""
@@ -290,6 +307,45 @@ class Iteration:
                 ", ".join(solution.violations),
                 self._tolerance,
             )
+
+    def _concluded(
+        self,
+        stopped: str,
+        since: Beginning | None,
+        largest: np.ndarray,
+        lean: Callable[[], bool],
+    ) -> Solution:
+        """`conclude`, a lean one where that is enough, and how loose bodies drift. Collective."""
+        solution = None
+        if (
+            stopped == "converged" and lean()
+        ):  # what this certificate doubts is judged by displacements
+            solution = self.conclude(stopped, since, largest, lean=True)
+        if solution is None or not solution.certified:
+            solution = self.conclude(stopped, since, largest)
+        if stopped == "drift":
+            solution = replace(solution, drift=describe_drift(self.assembly, self.outer.motions))
+        return solution
+
+    def _left_along_held(self, stopped: str) -> tuple[Sequence[HeldMotion], Mechanism | str]:
+        """The held motions with what is left along them, and the mechanism, if a load drives one; "released" where
+        the iteration goes on without those that coarse elements let hold, as loads drive them. Collective."""
+        if stopped != "converged" or not self.held.basis.size:
+            return (), ""
+        held, driven, released = judge_held(self.assembly, self.held, self.outer)
+        if not released:
+            return held, driven or ""
+        log.info("a motion that coarse elements hardly resist is driven by loads: it is not held")
+        joint = self.assembly.joint
+        self._coarse = False
+        self.held = motions_to_hold(self.assembly, self._coarse)
+        joint.stays.hold(self.held.span, joint.stays.at)
+        if isinstance(self.outer, Newton):
+            steps = self.outer.history
+            self.outer.begin()
+            self.outer.history = steps
+        self._stopped = ""
+        return (), "released"
 
     def _kept(self, stopped: str) -> str:
         """The end of `Outer.run`, if a method from outside keeps what `Outer` promises, else a SolverError. Collective."""
@@ -322,7 +378,7 @@ class Iteration:
         assembly, outer = self.assembly, self.outer
         world, joint = assembly.world, assembly.joint
         displacements, traces, sizes, motions = (at_contacts if lean else displaced)(
-            assembly, outer, largest
+            assembly, outer, largest, joint.unheld(outer.forces, outer.motions)
         )
         outer.refresh(traces)
         both = assembly.exchange.collect(traces, "answer")
@@ -487,6 +543,7 @@ def solve(
     with clock.phase("outer"):
         mechanism = look_for_mechanism(assembly)
     iteration = Iteration(assembly, method, report, clock)
+    mechanism = beyond_meshes(assembly, iteration.held, mechanism)
     if assembly.start and isinstance(iteration.outer, Newton):
         iteration.outer.begin(assembly.start(), foreseen=True)
     if checkpoints:

@@ -26,6 +26,7 @@ from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.results.tables import leg_values
 from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
+from ddmpi.run.held import beyond_meshes
 from ddmpi.run.report import NAMED
 from ddmpi.run.solve import Iteration, Solution, lean_steps
 from ddmpi.system.doubts import Doubt
@@ -163,6 +164,7 @@ class March:
             if end <= self._drawn(self._now.time)
         ]
         joint.keep(over, self._now.alpha)
+        self.iteration.hold(self._now.alpha)
         mechanism = self._mechanism(time)
         assembly.act(self._drawn(time))
         self._d = joint.d
@@ -280,7 +282,7 @@ class March:
 
         def look(at: float) -> Mechanism | None:
             assembly.act(self._drawn(at))
-            return look_for_mechanism(assembly)
+            return beyond_meshes(assembly, self.iteration.held, look_for_mechanism(assembly))
 
         if self._safe is None:  # all legs but the first begin at a solved step
             self._safe = self._repeated or (

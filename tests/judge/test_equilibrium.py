@@ -239,6 +239,21 @@ def test_what_a_solver_returns_is_no_proof_by_itself(v, monkeypatch):
     assert found(pushed(0.6)) is None
 
 
+def test_what_a_fast_body_without_load_leaves_of_others_is_no_proof(monkeypatch):
+    """A body that carries nothing is far faster than all others in the solver's rounding; that these press into their
+    contacts is seen beside their own motion."""
+    monkeypatch.setattr(
+        _Free,
+        "start",
+        lambda self, slope, bound: (
+            np.array([0.0, -5e-7, 0.0, 1.0, 0.0, 0.0]),
+            np.zeros_like(slope),
+        ),
+    )
+    scene = pushed(0.0, "none").box("idle", 0, 3, 1, 1, weight=0.0)
+    assert found(scene) is None
+
+
 @pytest.mark.parametrize("friction, slope", [(0.1, 0.36), (0.3, 0.7)])
 def test_a_wedge_is_driven_by_the_known_force(friction, slope):
     """𝓕 + (𝓕 + tan α)/(1 − 𝓕 tan α) drives it in (its own weight is none), less than the opposite lets it out."""
@@ -679,7 +694,7 @@ def test_a_drift_is_named_by_how_far_nodes_move(monkeypatch):
         [np.outer(np.ones(4), axis) for axis in np.eye(2)] + [np.column_stack([-y, x])], axis=2
     )
     body = MotionsOfBody.of("plate", points, motions)
-    monkeypatch.setattr(equilibrium, "_with_partners", lambda *parts: [body])
+    monkeypatch.setattr(equilibrium, "with_partners", lambda *parts: [body])
     assembly = SimpleNamespace(
         world=MPI.COMM_SELF, joint=SimpleNamespace(slices={"plate": slice(0, 3)})
     )

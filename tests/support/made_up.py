@@ -197,6 +197,7 @@ def run(contacts: Mapping[str, ContactState], energy_norm: float = 0.07, **chang
         "options_unused": [],
         "warnings": [],
         "undetermined": [],
+        "held_motions": [],
     } | changes
 
 

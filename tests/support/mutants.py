@@ -32,6 +32,7 @@ LAW, SIDES, LEGS = (
     "interface/test_interface.py",
     "coupling/test_exchange.py",
 )
+HELD = "scenes/test_held_motions.py"
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
 CYCLES = "scenes/test_cycles.py"
 DENSE = "methods/test_dense.py"
@@ -1890,9 +1891,58 @@ MUTANTS = [
         (
             "a kept offset has an equation",
             "coupling/joint",
-            "np.where(self.kept, 0.0, self.e - self.rigid.sums(s) - self.K @ alpha)",
+            "self.stays.moving(self.e - self.rigid.sums(s) - self.K @ alpha)",
             "self.e - self.rigid.sums(s)",
             f"{BOLTS}::test_a_joint_under_load",
+        ),
+        (
+            "facets resist the turn of round parts",
+            "run/held",
+            "few = int((ratios <= RESISTED).sum())",
+            "few = 0",
+            f"{HELD}::test_a_load_aslant_leaves_the_lever_arm_of_the_gap",
+        ),
+        (
+            "nothing is too much for facets",
+            "run/held",
+            "if motion.moment > motion.bound]",
+            "if motion.bound < 0.0]",
+            f"{HELD}::test_a_moment_beyond_what_facets_may_bear_has_no_equilibrium",
+        ),
+        (
+            "gaps have no lever arm",
+            "run/held",
+            "(at_node @ np.abs(interface.opening))",
+            "0.0",
+            f"{HELD}::test_a_load_aslant_leaves_the_lever_arm_of_the_gap",
+        ),
+        (
+            "balance is asked along held motions",
+            "coupling/joint",
+            "return x - self.held @ (self.held.T @ x) if self.held.size else x",
+            "return x",
+            f"{HELD}::test_a_load_aslant_leaves_the_lever_arm_of_the_gap",
+        ),
+        (
+            "contact forces balance faint motions",
+            "body/rigid_motions",
+            "for least in (FACETED, SEEN)",
+            "for least in (SEEN, SEEN)",
+            f"{HELD}::test_a_faint_motion_is_balanced_by_loads",
+        ),
+        (
+            "bodies without forces stay where a step left them",
+            "run/least",
+            "outer.shift(way)",
+            "outer.shift(0.0 * way)",
+            f"{HELD}::test_an_unloaded_lid_lies_where_it_moves_least",
+        ),
+        (
+            "a load along a held motion has a derivative",
+            "coupling/joint",
+            "return bool(self.held.size) and norm(self.held.T @ loads) > self.share * norm(loads)",
+            "return False",
+            f"{DERIVED}::test_a_loose_body_that_nothing_holds_along_the_floor_has_no_derivative",
         ),
         (
             "paths begin without the offset",
@@ -1925,15 +1975,15 @@ MUTANTS = [
         (
             "a kept offset has no derivative",
             "derive/chain",
-            'np.where(joint.kept, since["alpha"][k], 0.0)',
-            '0.0 * since["alpha"][k]',
+            'since["alpha"][k] - joint.stays.moving(',
+            "0.0 * joint.stays.moving(",
             DIFFERENCES,
         ),
         (
             "kept offsets may move in the search for a mechanism",
             "run/equilibrium",
-            "moves = sparse.diags(1.0 - joint.kept)",
-            "moves = sparse.diags(1.0 + 0.0 * joint.kept)",
+            "moves = sparse.diags(1.0 - joint.stays.bolts)",
+            "moves = sparse.diags(1.0 + 0.0 * joint.stays.bolts)",
             f"{BOLTS}::test_a_joint_under_load",
         ),
         (
@@ -2244,9 +2294,16 @@ MUTANTS = [
         (
             "a motion that presses into a contact is a proof",
             "judge/equilibrium",
-            "if not presses <= IMBALANCE * speeds.max():",
+            "if presses.any() or tears.any():",
             "if False:",
             f"{EQUILIBRIUM}::test_what_a_solver_returns_is_no_proof_by_itself",
+        ),
+        (
+            "what presses is compared with the fastest of all bodies",
+            "judge/equilibrium",
+            "SLOWEST * speeds.max()",
+            "speeds.max()",
+            f"{EQUILIBRIUM}::test_what_a_fast_body_without_load_leaves_of_others_is_no_proof",
         ),
         (
             "friction of given bounds takes no work in a proof",

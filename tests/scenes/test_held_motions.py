@@ -1,0 +1,231 @@
+"""Round parts without friction, and bodies without forces: what nothing determines stays where it was, and is told."""
+
+import re
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from scenes import certified, rectangle
+
+import ddmpi
+from ddmpi.body.rigid_motions import Centring
+from ddmpi.run.least import nearest
+
+STEEL = {"young": 2.1e5, "poisson": 0.3}
+TURN = "shaft can turn counterclockwise about (0, 0) without any force"
+
+
+def shaft(around: tuple[int, int], load: list, order: int = 2) -> dict:
+    """A shaft of radius 10 in a bush with a clearance of 0.05, which it touches below."""
+
+    def ring(name: str, centre: list, radii: list, number: int, **more) -> dict:
+        mesh = {"shape": "annulus", "center": centre, "radii": radii, "angles": [0.0, 360.0]}
+        return {
+            "name": name,
+            "mesh": mesh | {"divisions": [number, 3], "order": order},
+            "material": STEEL,
+        } | more
+
+    return {
+        "body": [
+            ring("shaft", [0.0, -0.05], [4.0, 10.0], around[0], volume_force=load),
+            ring("bush", [0.0, 0.0], [10.05, 20.0], around[1], clamp=["outer"]),
+        ],
+        "contact": [{"bodies": ["shaft", "bush"], "on": ["outer", "inner"]}],
+    }
+
+
+def symmetric(around: int, order: int) -> dict:
+    """The right half of the same."""
+    scene = shaft((around // 2, around // 2), [0.0, -3.79], order)
+    for body in scene["body"]:
+        body["mesh"]["angles"] = [-90.0, 90.0]
+        body["clamp"] = [*body.get("clamp", []), {"on": "start", "x": 0.0}, {"on": "end", "x": 0.0}]
+    return scene
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("around", [(40, 40), (40, 46)])
+def test_a_shaft_in_a_bush_turns_no_more_than_its_half(around, order):
+    """Its displacement is that of the half with a plane of symmetry, in at most twice the steps, and its turn is held."""
+    answer = certified(shaft(around, [0.0, -3.79], order))
+    half = certified(symmetric(40, order))
+    whole = answer.summary["bodies"]["shaft"]["displacement_max"]
+    assert whole == pytest.approx(half.summary["bodies"]["shaft"]["displacement_max"], rel=0.02)
+    assert answer.summary["outer_iterations"] <= 2 * half.summary["outer_iterations"]
+    (held,) = answer.summary["held_motions"]
+    assert (
+        held["body"] == "shaft" and held["motion"] == TURN and answer.summary["undetermined"] == []
+    )
+    assert held["moment"] <= 1e-3 * held["bound"] and half.summary["held_motions"] == []
+
+
+def test_a_load_aslant_leaves_the_lever_arm_of_the_gap():
+    """Pulled at 45°, gaps along the normals leave a moment of the clearance: it is told, and the turn stays zero."""
+    answer = certified(shaft((40, 46), [-2.68, -2.68]))
+    (held,) = answer.summary["held_motions"]
+    assert 0.1 * held["bound"] < held["moment"] < held["bound"]
+    assert answer.summary["bodies"]["shaft"]["displacement_max"] < 0.1
+    assert answer.contacts["shaft-bush"].pressure.max() < 200.0
+
+
+@pytest.mark.clarabel
+@pytest.mark.parametrize("moment", [1e-4, 1e-2])
+def test_a_moment_beyond_what_facets_may_bear_has_no_equilibrium(moment):
+    """A small moment is held and told; a large one turns the shaft, and both numbers are named."""
+    answer = ddmpi.solve(shaft((40, 46), [0.0, f"-3.79 + {moment} * x"]))
+    # ∫ moment x² over the ring is its moment about the middle
+    driven = moment * np.pi / 4 * (10.0**4 - 4.0**4)
+    if moment < 1e-3:
+        assert answer.certified
+        (held,) = answer.summary["held_motions"]
+        assert held["moment"] == pytest.approx(driven, rel=0.02)
+        return
+    assert answer.reason.startswith(
+        "no equilibrium: shaft would turn counterclockwise about (0, 0): "
+    )
+    told, bound = map(float, re.findall(r"[(:] ?([\d.]+) N·m/m", answer.reason))
+    assert told == pytest.approx(driven, rel=0.02) and bound < 0.1 * told
+    assert (
+        "only the facets of the meshes resist" in answer.reason
+        and "clamp the turn" in answer.reason
+    )
+
+
+def test_square_pin_in_square_hole_is_not_held():
+    """Its flanks resist the turn: balance is asked of it, and a small moment turns it by the clearance."""
+    sides = {
+        "left": ([-4, -3], [1, 6]), "right": ([3, -3], [1, 6]), "below": ([-4, -4], [8, 1]), "above": ([-4, 3], [8, 1]),
+    }  # fmt: skip
+    faces = {
+        "left": ["left", "right"],
+        "right": ["right", "left"],
+        "below": ["bottom", "top"],
+        "above": ["top", "bottom"],
+    }
+    pin = rectangle(
+        "pin", (-3, -3), (6, 6), (6, 6), material=STEEL, volume_force=[0.0, "-1.0 + 1e-3 * x"]
+    )
+    walls = [
+        rectangle(
+            name,
+            origin,
+            size,
+            (max(size[0], 2), max(size[1], 2)),
+            material=STEEL,
+            clamp=[faces[name][0]],
+        )
+        for name, (origin, size) in sides.items()
+    ]
+    contacts = [{"bodies": ["pin", name], "on": on} for name, on in faces.items()]
+    answer = certified({"body": [pin, *walls], "contact": contacts})
+    assert answer.summary["held_motions"] == []
+
+
+def test_two_free_turns_in_load_steps():
+    """Shaft and loose bush both stay; so they do as the load falls, and what is left along them is told of the end."""
+    scene = shaft((40, 46), {"value": [0.0, -3.79], "history": "pull"})
+    housing = {
+        "name": "housing",
+        "mesh": {"shape": "annulus", "center": [0.0, 0.0], "radii": [20.05, 30.0], "angles": [0.0, 360.0],
+                 "divisions": [52, 3], "order": 2},
+        "material": STEEL, "clamp": ["outer"],
+    }  # fmt: skip
+    del scene["body"][1]["clamp"]
+    scene["body"][0]["mesh"]["center"], scene["body"][1]["mesh"]["center"] = (
+        [0.0, -0.1],
+        [0.0, -0.05],
+    )
+    scene["body"].append(housing)
+    scene["contact"].append(
+        {"name": "outside", "bodies": ["bush", "housing"], "on": ["outer", "inner"]}
+    )
+    scene |= {
+        "history": {"pull": {"times": [0, 1, 2], "factors": [0, 1, 0.5]}},
+        "time": {"points": [1.0, 2.0]},
+    }
+    answer = certified(scene)
+    assert [held["body"] for held in answer.summary["held_motions"]] == ["shaft", "bush"]
+    assert answer.summary["bodies"]["shaft"]["displacement_max"] < 0.03
+    assert abs(answer.summary["energy"]["residual"]) < 1e-8
+
+
+@pytest.mark.mpi(ranks=2)
+def test_held_motions_on_two_ranks(comm):
+    """The same answer, and the same words, as on one rank."""
+    scene = shaft((40, 46), [-2.68, -2.68])
+    both, alone = ddmpi.solve(scene, comm), ddmpi.solve(scene)
+    assert both.certified and alone.certified
+    if comm.rank == 0:
+        (held,), (other,) = both.summary["held_motions"], alone.summary["held_motions"]
+        assert held["motion"] == other["motion"] and held["moment"] == pytest.approx(
+            other["moment"], rel=1e-5
+        )
+
+
+def test_a_prepared_model_holds_anew():
+    """Friction determines the turn, and without it the model holds it: each answer is that of a run by itself."""
+    scene = shaft((40, 46), [-2.68, -2.68])
+    rough = {"contact.shaft-bush.friction": {"law": "coulomb", "coefficient": 0.2}}
+    with ddmpi.prepare(scene) as model:
+        answers = [model.solve(change) for change in ({}, rough, {})]
+    assert [len(answer.summary["held_motions"]) for answer in answers] == [1, 0, 1]
+    first, last = (answer.solved.solution.outer.forces for answer in answers[::2])
+    assert np.array_equal(first, last)
+    assert np.array_equal(first, ddmpi.solve(scene).solved.solution.outer.forces)
+
+
+def test_an_unloaded_lid_lies_where_it_moves_least():
+    """Of all places on the bent beam; with friction as without. The beam lifts it by the parallel that clears its arc."""
+    beam = rectangle("beam", (0, 0), (10, 1), (40, 4), material={"young": 1e5, "poisson": 0.3}, clamp=["left"],
+                     traction=[{"on": "right", "force": [0.0, 20.0]}])  # fmt: skip
+    lid = rectangle("lid", (2, 1), (6, 1), (29, 3), material={"young": 1e5, "poisson": 0.3})
+    contact = {"bodies": ["lid", "beam"], "on": ["bottom", "top"]}
+    moved = []
+    for friction in (0.0, 0.15):
+        contact["friction"] = {"law": "coulomb", "coefficient": friction}
+        answer = certified({"body": [beam, lid], "contact": [contact]})
+        moved.append(answer.summary["bodies"]["lid"]["displacement_max"])
+        assert answer.contacts["lid-beam"].gap.min() > -1e-9
+    assert moved == pytest.approx([0.4183, 0.4183], abs=1e-4)
+
+
+def test_the_nearest_point_is_that_of_a_fine_search():
+    """Within half-planes; one that no row excludes is itself."""
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        rows, room, wanted = (
+            rng.standard_normal((8, 2)),
+            rng.random(8),
+            3.0 * rng.standard_normal(2),
+        )
+        x = nearest(wanted, rows, room)
+        assert (rows @ x <= room + 1e-9).all()
+        grid = x + np.linspace(-0.2, 0.2, 81)[:, None] * np.array([[1.0, 0.0]])
+        grid = np.vstack([grid + t * np.array([0.0, 1.0]) for t in np.linspace(-0.2, 0.2, 81)])
+        allowed = grid[(grid @ rows.T <= room).all(axis=1)]
+        assert np.linalg.norm(x - wanted) <= np.linalg.norm(allowed - wanted, axis=1).min() + 1e-9
+    assert nearest(np.array([0.1, 0.2]), np.zeros((0, 2)), np.zeros(0)).tolist() == [0.1, 0.2]
+
+
+def test_a_faint_motion_is_balanced_by_loads():
+    """Contact forces along it would be thousands of times the load; what balances it changes no other motion."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 7)[:-1]
+    points = np.column_stack([np.cos(angles), np.sin(angles)])
+    turn = np.column_stack([-points[:, 1], points[:, 0]])
+    R = np.stack([np.tile([1.0, 0.0], 6), np.tile([0.0, 1.0], 6), turn.ravel()], axis=1)
+    # radial rows, whose normals are off by 1e-5: the turn moves them by so much
+    normals = points + 1e-5 * turn
+    B = sparse.csr_matrix((normals.ravel(), (np.repeat(np.arange(6), 2), np.arange(12))))
+    centring = Centring(R, B)
+    f = np.random.default_rng(3).standard_normal(12)
+    balanced = centring.balance(f)
+    assert R.T @ balanced == pytest.approx(np.zeros(3), abs=1e-12)
+    assert np.abs(balanced).max() < 10.0 * np.abs(f).max()
+    # centring is the transposed of it
+    by_load = [centring.balance(load) for load in np.eye(12)]
+    by_displacement = np.array([centring.centre(u) for u in np.eye(12)]).T
+    assert by_displacement == pytest.approx(np.array(by_load), abs=1e-12)
+    assert centring.faint == pytest.approx(1e-5 * np.ones((1, 6)), rel=1e-3, abs=0.0) or (
+        centring.faint == pytest.approx(-1e-5 * np.ones((1, 6)), rel=1e-3, abs=0.0)
+    )
