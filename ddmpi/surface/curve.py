@@ -86,7 +86,17 @@ class Curve(Side):
         return curved, np.where(np.isnan(shared), curved, shared)
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
-        """Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact."""
+        height, steps = self._upright(facets, at, direction)
+        return height / steps
+
+    def _upright(
+        self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Height (q,) of the arcs upright over places on their chords (m), and how much nearer to them, upright, a step
+        along unit vectors (q, d) comes.
+
+        Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact.
+        """
         slope, along, z = self.slopes[facets], self.along[facets], 2.0 * at - 1.0
         length = np.linalg.norm(along, axis=1)
         first, second = np.tan(slope).T
@@ -99,13 +109,10 @@ class Curve(Side):
         arc = 2.0 * c / (root + c)
         rise = rise * arc + cubic * 4.0 * c * s**2 * z / (root * (root + c) ** 2)
         across = np.einsum("qi,qi->q", direction, self.outward[facets])
-        # Along a ray aslant to the chord, to first order: height / (cos φ − y' sin φ).
-        return (
-            length
-            * cubic
-            * arc
-            / (across - rise * np.einsum("qi,qi->q", direction, along) / length)
-        )
+        # Along a ray aslant to the chord a height is, to first order, height / (cos φ − y' sin φ) away.
+        return length * cubic * arc, across - rise * np.einsum(
+            "qi,qi->q", direction, along
+        ) / length
 
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
         # Only middles of quadratic facets are off the arc, by its height less their own over the chord.
@@ -118,8 +125,9 @@ class Curve(Side):
         along, outward = self.along[facets], self.outward[facets]
         away = self.xy[nodes[inner]] - self.xy[self.facets[facets, 0]]
         at = np.einsum("qi,qi->q", away, along) / np.einsum("qi,qi->q", along, along)
-        height = np.einsum("qi,qi->q", away, outward) * np.einsum("qi,qi->q", outward, direction)
-        rise[inner] = self.bulge(facets, at, direction) - height
+        height, steps = self._upright(facets, at, direction)
+        # what is left upright between node and arc, along the ray: nothing where the node lies on the arc
+        rise[inner] = (height - np.einsum("qi,qi->q", away, outward)) / steps
         return rise
 
     def parameters(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from ddmpi.interface.mortar import cover
 from ddmpi.mesh.elements import on_line
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend
-from ddmpi.scene.contacts import Circle, NoFriction
+from ddmpi.scene.contacts import Circle, NoFriction, Plane
 from ddmpi.surface.patch import Patch
 from ddmpi.surface.side import Side, cross, frames, unit
 
@@ -117,6 +117,27 @@ def test_gap_between_curved_sides_is_that_of_the_circles():
     curved, chords = (pair(*sides, NoFriction(), "seam") for sides in ((first, second), straight))
     assert curved.area.sum() == pytest.approx(1.5 * 1.0005, rel=2e-6)
     assert chords.area.sum() < (1.0 - 5e-4) * curved.area.sum()
+
+
+@pytest.mark.parametrize("sides", [16, 64])
+def test_gaps_of_curved_sides_over_partners_are_distances(sides):
+    """Nodes on a circle are as far from a plane, a disc and a bore as the circle is, on whichever ray that is."""
+    boundary = side(curved_ring(0.5, 1.0, np.linspace(0.0, 2 * np.pi, sides + 1), True), "outer")
+    disc = {"name": "partner", "center": (0.0, -4.0), "radius": 3.0}
+    for partner, distance in (
+        (Plane(name="partner", point=(0.0, -1.0), normal=(0.0, 1.0)), lambda x, y: y + 1.0),
+        (
+            Plane(name="partner", point=(-1.0, 0.0), normal=(0.8, 0.6)),
+            lambda x, y: 0.8 * x + 0.8 + 0.6 * y,
+        ),
+        (Circle(**disc), lambda x, y: np.hypot(x, y + 4.0) - 3.0),
+        (
+            Circle(**disc | {"center": (0.0, 0.5), "radius": 2.0}, inside=True),
+            lambda x, y: 2.0 - np.hypot(x, y - 0.5),
+        ),
+    ):
+        met = touch(boundary, partner, NoFriction(), "seam")
+        assert met.gap == pytest.approx(distance(*met.xy.T), abs=1e-13)
 
 
 @pytest.mark.parametrize("order", [1, 2])

@@ -1078,9 +1078,16 @@ MUTANTS = [
         (
             "gaps of curved sides are those of parabolas",
             "surface/curve",
-            "direction) - height",
-            "direction)",
+            '(height - np.einsum("qi,qi->q", away, outward)) / steps',
+            "height / steps",
             "interface/test_curved_sides.py::test_gap_between_curved_sides_is_that_of_the_circles",
+        ),
+        (
+            "what middles stand off is taken along the ray",
+            "surface/curve",
+            "away, outward)) / steps",
+            "away, direction)) / steps",
+            "interface/test_curved_sides.py::test_gaps_of_curved_sides_over_partners_are_distances",
         ),
         (
             "normals of the second side ignored",
