@@ -44,6 +44,10 @@ UNSTABLE = 0.15
 """An equilibrium is not stable if a motion is resisted by less than this times what loads push it on by. Of a disc on a
 plane, which nothing holds and nothing pushes on, nodes that open and close make up to 0.12."""
 
+MOST = 10.0
+"""Loads push on a motion by less than this times the largest entry of their stiffness K: of six motions |K| is at most
+six times that."""
+
 Moved = tuple[
     dict[str, np.ndarray], list[np.ndarray], dict[str, dict[str, Any]], dict[tuple[str, int], tuple]
 ]
@@ -197,11 +201,14 @@ def instability(assembly: Assembly, outer: Newton) -> list[str]:
     size = np.abs(joint.K).max() if joint.K.nnz else 0.0
     if not size:
         return []
-    values, motions = assembly.world.bcast(
-        np.linalg.eig(np.linalg.pinv(outer.linearisation().yielding()))
-    )
-    worst = int(values.real.argmin())
-    if not values[worst].real < -UNSTABLE * size:
+    yields, motions = assembly.world.bcast(np.linalg.eig(outer.linearisation().yielding()))
+    # The stiffness against a motion. Contacts resist all, so that loads, which grow by K, cannot make it less than -|K|:
+    # what is far below is one over the rounding of a motion that is held.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stiffness = 1.0 / yields
+    pushed = np.where(np.abs(stiffness) < MOST * size, stiffness.real, 0.0)
+    worst = int(pushed.argmin())
+    if not pushed[worst] < -UNSTABLE * size:
         return []
     return [
         f"the equilibrium is not stable: {describe_drift(assembly, motions[:, worst].real)}, because the "

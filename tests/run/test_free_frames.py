@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from restarts import go_on_from_checkpoints
-from scenes import COULOMB, assert_refused, call, certified, rectangle, write_scene
+from scenes import COULOMB, FLOOR, assert_refused, call, certified, rectangle, write_scene
 from test_far import changed, forces, history
 
 import ddmpi
@@ -341,6 +341,31 @@ def test_an_unstable_equilibrium_is_told_of(x, y, outer):
         if "the equilibrium is not stable: disc" in words
     ]
     assert bool(told) != outer
+
+
+@pytest.mark.parametrize("friction", [None, COULOMB])
+@pytest.mark.parametrize("size", [(1.0, 0.4), (0.1, 4.0)])
+def test_a_block_on_a_plane_is_stable(size, friction):
+    """What a flat contact holds yields by rounding alone, whatever its sign: it is not said to be pushed on."""
+    block = rectangle(
+        "block",
+        (-0.5 * size[0], 0.0),
+        size,
+        (4, 4),
+        young=1000.0,
+        volume_force={"value": [0.0, -0.1], "history": "press"},
+    )
+    made = {
+        "body": [block],
+        "rigid": [FLOOR],
+        "contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}],
+        "history": {"press": history(0.0, 1.0)},
+        "time": {"motions": "far", "points": [1.0], "steps": 1},
+    }
+    if friction:
+        made["contact"][0]["friction"] = friction
+    warnings = certified(made).summary["warnings"]
+    assert not [words for words in warnings if "not stable" in words]
 
 
 def test_a_loose_ring_moves_along_its_axis():
