@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -106,6 +107,7 @@ class Compliance:
         self.count: Counter[str] = Counter()
         self._u, self._f = A.createVecs()
         self._norm = 0.0
+        self._by_solves = False
         self._matrix = self.solver.condensed  # its upper triangle
         self._dense: np.ndarray | None = None  # made by dense
         if dense and self._matrix is None:
@@ -148,7 +150,7 @@ class Compliance:
             y[:] = 0.0
             return
         with event("ComplianceMult"):
-            if self._matrix is None:
+            if self._matrix is None or self._by_solves:
                 self.spread(x, self._f)
                 self.solve(self._f, self._u, purpose, relative)
                 y[:] = self.B @ self._u.array_r
@@ -156,6 +158,19 @@ class Compliance:
                 # One triangle of C is read: half the memory traffic of a full product.
                 self.count[purpose] += 1
                 y[:] = dsymv(1.0, self._matrix, x)
+
+    @contextlib.contextmanager
+    def by_solves(self) -> Iterator[None]:
+        """Within this context products are by solves, even of a dense C.
+
+        A product with a dense C has the error ε ‖C‖ ‖s‖. C of a slender body is large along bending that the forces s
+        hardly excite, and what they do excite is lost in that error. Not collective.
+        """
+        self._by_solves = True
+        try:
+            yield
+        finally:
+            self._by_solves = False
 
     def state(self) -> dict:
         """Plain values for `restore` of a new Compliance, to go on counting as if uninterrupted."""

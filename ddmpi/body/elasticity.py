@@ -28,6 +28,7 @@ from ddmpi.body.loads import (
     thermal_loads,
 )
 from ddmpi.body.rigid_motions import body_motions, near_null_space
+from ddmpi.body.singular import causes
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import material_of
 from ddmpi.errors import InputError
@@ -284,6 +285,7 @@ def _stiffness(mesh: Mesh, body: BodySpec, free: np.ndarray) -> Supported:
     matrix.setBlockSize(d)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose))
+    matrix.setAttr("causes", partial(causes, mesh, body, free, sprung))
     if not mesh.cell.linear:
         matrix.setAttr("coarse", partial(_linear_elements, mesh, nodes, loose))
     return Supported(

@@ -198,7 +198,8 @@ def add_springs(A: PETSc.Mat, dofs: np.ndarray) -> PETSc.Mat:
     fixed = A.copy()
     stiffen(fixed, dofs)
     fixed.setNearNullSpace(A.getNearNullSpace())
-    fixed.setAttr("coarse", A.getAttr("coarse"))
+    for name in ("coarse", "causes"):
+        fixed.setAttr(name, A.getAttr(name))
     return fixed
 
 

@@ -216,16 +216,27 @@ class StiffnessSolver:
                 break
             self._solve(self._residual, self._correction)
             u.axpy(1.0, self._correction)
-        hint = (
-            "; its stiffness is singular to double precision, as that of a very slender or flat body, or of very "
-            "thin cells"
-            if self.direct
-            else "; -body_ksp_rtol sets another precision"
-        )
         raise SolverError(
             f"body {self.name!r}: {self.description} left a true residual of "
-            f"{residual / size:.1e} relative to the load, {target:.0e} is needed{hint}"
+            f"{residual / size:.1e} relative to the load, {target:.0e} is needed; {self._hint(f)}"
         )
+
+    def _hint(self, f: PETSc.Vec) -> str:
+        """Why a solve for f is not precise. Options are the reason if Cholesky's factors do without them, else the
+        stiffness is. Collective."""
+        if not self.direct:
+            return "-body_ksp_rtol sets another precision"
+        given = {name: value for name, value in in_force().items() if name.startswith("body_")}
+        if given:
+            plain = without_options(self.A, f)
+            if plain <= DIRECT_RESIDUAL:
+                words = " ".join(
+                    f"-{name}{f' {value}' if value else ''}" for name, value in given.items()
+                )
+                return f"without {words} it leaves {plain:.0e}: leave that out"
+        explain = self.A.getAttr("causes")
+        cause = explain() if explain else ""
+        return "its stiffness is singular to double precision" + (f": {cause}" if cause else "")
 
     @cached_property
     def _norm(self) -> float:
@@ -264,6 +275,25 @@ class StiffnessSolver:
             self._factors.destroy()
         for item in (self.ksp, self._residual, self._correction):
             item.destroy()
+
+
+def without_options(A: PETSc.Mat, f: PETSc.Vec) -> float:
+    """The relative residual that Cholesky's factors leave, whatever options are set. Collective."""
+    ksp, (u, left) = PETSc.KSP().create(A.comm), A.createVecs()
+    try:
+        ksp.setOperators(A)
+        ksp.setType(PETSc.KSP.Type.PREONLY)
+        ksp.getPC().setType(PETSc.PC.Type.CHOLESKY)
+        ksp.getPC().setFactorSolverType(best_cholesky(A))
+        ksp.solve(f, u)
+        A.mult(u, left)
+        left.aypx(-1.0, f)
+        return float(left.norm() / f.norm())
+    except PETSc.Error:
+        return np.inf
+    finally:
+        for thing in (ksp, u, left):
+            thing.destroy()
 
 
 def best_cholesky(A: PETSc.Mat) -> str:
