@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import itertools
 from collections.abc import Collection, Mapping, Sequence
@@ -234,6 +235,13 @@ class Joint:
             relative = min(self.neglected / size, STEERING) if size else 0.0
         self.mult(x, y, purpose, relative)
         return y
+
+    def solved(self, x: np.ndarray, purpose: str) -> np.ndarray:
+        """C x (size,) as `product`, by solves with the bodies even where their compliances are dense matrices."""
+        with contextlib.ExitStack() as stack:
+            for member in self.members:
+                stack.enter_context(member.C.by_solves())
+            return self.product(x, purpose)
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), both (size,); `relative` as for `Compliance.mult`."""
