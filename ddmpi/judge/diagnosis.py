@@ -178,9 +178,11 @@ def diagnose(
     history: list[Step],
     log: StatusLog,
     able: Collection[str] = (),
+    precision: tuple[str, float] | None = None,
 ) -> str:
     """A message: how the run ended, what was seen, what to try. `log` is of all nodes; `able` as of
-    `helpful`. Without a change that fits there is no advice. Not collective."""
+    `helpful`; `precision` the body whose rounding is the reason, and the tolerance that allows it. Without a change
+    that fits there is no advice. Not collective."""
     last = history[-1]
     lines = [
         f"{reason} (iteration {last.iteration}, update {last.update:.1e}, residual {last.residual:.1e}, "
@@ -211,6 +213,8 @@ def diagnose(
             f"with a friction coefficient of {log.largest_slope:g} a solution need not be unique, and "
             "there may be none near the first guess"
         )
+    if precision:
+        return "\n  ".join([*lines, *_of_precision(*precision)])
     fits = fitting(able, stopped, history, factor, log)
     advice = (
         "a larger method.tolerance; double precision allows no smaller one"
@@ -220,3 +224,12 @@ def diagnose(
     if advice:
         lines.append(f"try: {advice}")
     return "\n  ".join(lines)
+
+
+def _of_precision(body: str, tolerance: float) -> list[str]:
+    """That the rounding of a body is the reason, and what to try."""
+    return [
+        f"double precision is the reason: {body} yields so much more when it bends than at its contacts that no more is "
+        "known of its gaps",
+        f"try: method.tolerance = {1.5 * tolerance:.1e}, the least that double precision allows here",
+    ]

@@ -33,6 +33,13 @@ IMBALANCE = 1e-6
 velocity a mechanism may press into a contact, the solver's tolerance."""
 
 SLOWEST = 1e-4  # rows that meet slower motions than this fraction of the fastest are compared with this fraction
+SLIGHT = 1e-9
+"""Near a limit less than IMBALANCE stays without balance. Of a run that finds no answer, from this fraction on it is the
+reason: the program tells 1e-7 beyond tipping and sliding from 1e-7 before."""
+
+LEAK = 10.0
+"""A slight imbalance is proved if its work is more than this times what the contacts that a mechanism presses into by
+rounding may do, under the pressures of the program and all loads."""
 
 LIGHTEST = (
     1e-3,
@@ -48,6 +55,7 @@ TOLERANCES = (1e-16, 1e-12, 1e-12), (1e-13, 1e-9, 1e-9)
 
 BENT = 1e-7  # a contact is flat if its forces on the rigid motions bend by less than this fraction of them
 DIGITS = 7  # directions and coefficients that agree to this many digits are equal
+NEAR = 1e-3  # from this imbalance on it needs no word
 HULL = 3  # most dimensions in which corners of a convex hull are computed
 
 
@@ -72,6 +80,8 @@ class Mechanism:
 def describe(mechanism: Mechanism) -> str:
     """The mechanism in words that begin with "no equilibrium". Not collective."""
     motions = describe_motions(mechanism.bodies, mechanism.velocities)
+    if mechanism.imbalance <= NEAR:
+        motions += f", as nothing balances {mechanism.imbalance:.0e} of the loads"
     doubt = " (or should its `along` be turned round?)" * ("pretension of" in motions)
     return f"no equilibrium: {motions}{mechanism.because}{doubt}"
 
@@ -81,6 +91,7 @@ def find_mechanism(
     e: np.ndarray,
     bodies: Sequence[MotionsOfBody],
     load: np.ndarray | float = 0.0,
+    least: float = IMBALANCE,
 ) -> Mechanism | None:
     """How loose bodies move if no contact forces can balance their loads, else None. Not collective.
 
@@ -92,6 +103,7 @@ def find_mechanism(
     e : (nc,) power of the loads on the rigid motions, body by body (N, for motions in metres)
     load : (nb,) sum of the sizes of all nodal loads on each body (N), with which rounding is compared: e does not see
         loads that cancel
+    least : smallest imbalance that counts
     """
     free = _Free(Forces.together(contacts, len(e)), e, bodies, load)
     if free.idle:
@@ -100,12 +112,14 @@ def find_mechanism(
     none = np.zeros_like(slope)
     v, pressure = free.start(slope, none)
     imbalance = free.imbalance(v, slope)
-    if not imbalance > IMBALANCE:
+    if not imbalance > least or (
+        imbalance <= IMBALANCE and not free.proves(v, slope, pressure.sum(), imbalance)
+    ):
         return None
     for _ in range(ROUNDS * bool(slope.any())):
         before, (v, pressure) = v, free.start(none, slope * pressure)
-        if (
-            not free.imbalance(v, none) > 0.0
+        if not free.imbalance(v, none) > (
+            0.0 if imbalance > IMBALANCE else least
         ):  # friction of these bounds balances the loads, or v was not found
             v = before
             break
@@ -163,8 +177,10 @@ class _Free:
     def start(self, slope: np.ndarray, bound: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The motion v (nc,) with which the bodies start, and the pressures (m,) at the cones' nodes.
 
-        min ½ w·w − We·w + g·τ  so that  v = 0 in bonds, v_ν + 𝓕 τ ≤ 0, |v_t| ≤ τ  (second-order cones). The cones'
-        nodes have the `slope` 𝓕 (m,) and the `bound` g (m,) in newtons.
+        min −We·w + g·τ  so that  |w| ≤ 1, v = 0 in bonds, v_ν + 𝓕 τ ≤ 0, |v_t| ≤ τ  (second-order cones). The cones'
+        nodes have the `slope` 𝓕 (m,) and the `bound` g (m,) in newtons. Moreau's form has ½ w·w in place of the bound
+        on |w|: its v is the same but for its length, as all else is homogeneous. But that length falls with the
+        imbalance, until near a limit the solver's tolerances hide it.
         """
         import clarabel
 
@@ -184,14 +200,18 @@ class _Free:
                     -sparse.kron(sparse.identity(k), np.eye(c + 1, c, -1)) @ tangential @ W.T,
                     -sparse.kron(sparse.identity(k), np.eye(c + 1, 1)),
                 ],
+                [-sparse.eye(n + 1, n, -1), sparse.csr_matrix((n + 1, k))],  # |w| ≤ 1
             ],
             format="csc",
         )
-        square = sparse.block_diag([sparse.identity(n), sparse.csc_matrix((k, k))], format="csc")
+        linear = sparse.csc_matrix((n + k, n + k))
+        right = np.zeros(rows.shape[0])
+        right[-(n + 1)] = 1.0
         cones = [
             clarabel.ZeroConeT(bonds),
             clarabel.NonnegativeConeT(m),
             *k * [clarabel.SecondOrderConeT(c + 1)],
+            clarabel.SecondOrderConeT(n + 1),
         ]
         settings = clarabel.DefaultSettings()
         settings.verbose, settings.direct_solve_method = (
@@ -200,10 +220,10 @@ class _Free:
         )  # serial: the same on every machine
         for settings.tol_gap_abs, settings.tol_gap_rel, settings.tol_feas in TOLERANCES:
             solution = clarabel.DefaultSolver(
-                square,
+                linear,
                 np.concatenate([-W @ self._e / self._largest, g]),
                 rows,
-                np.zeros(rows.shape[0]),
+                right,
                 cones,
                 settings,
             ).solve()
@@ -214,6 +234,15 @@ class _Free:
                 break
         pressure = np.array(solution.z)[bonds : bonds + m]
         return W.T @ np.array(solution.x)[:n], self._largest * np.maximum(pressure, 0.0)
+
+    def proves(self, v: np.ndarray, slope: np.ndarray, pressure: float, imbalance: float) -> bool:
+        """Whether a slight imbalance is more than what rounding of v (nc,) lets contacts do, whose pressures have the
+        sum `pressure` (N)."""
+        forces = self.forces
+        slides = np.linalg.norm((forces.friction @ v).reshape(-1, self._components), axis=1)
+        into = np.append(forces.normal @ v + slope * slides, np.abs(forces.bonded @ v))
+        work = imbalance * (self.velocities(v)[1] * self._loads).max()
+        return bool(work > LEAK * into.max(initial=0.0) * (pressure + self._loads.sum()))
 
     def imbalance(self, v: np.ndarray, slope: np.ndarray) -> float:
         """The proof: the work of the loads on v (nc,) that friction of given bounds does not take, over that of all

@@ -82,6 +82,8 @@ class Newton(Outer):
     forces : (size,) contact forces (N)
     history : the steps of the present load step; `residual` is that of the equations over the forces
     nothing : nodal forces up to this are rounding, beside those of the load steps before (N)
+    refined : whether gaps that are computed anew are by solves with the bodies, even where C is dense
+    hopeless : collective; whether no forces balance the loads, asked once steps stall. Then no path is followed
     direct : dense factors, in place of GMRES where they are cheaper
     """
 
@@ -100,6 +102,8 @@ class Newton(Outer):
         )
         self.inner_steps = {"gmres": 0}
         self.checkpoint: Callable[[], None] = lambda: None
+        self.hopeless: Callable[[], bool] = lambda: False
+        self.refined = False
         self._laws = self.space.laws
         self._c = np.concatenate(
             [np.empty(0), *(interface.stiffness for interface in self.space.interfaces)]
@@ -156,6 +160,7 @@ class Newton(Outer):
         # from guessed active sets (_start) the iteration cannot end; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
         self._stalled, self._smallest, self._springs = 0, np.inf, 1.0
+        self._asked = False
         self.history: list[Step] = []
 
     def _pressed(self) -> np.ndarray:
@@ -199,17 +204,14 @@ class Newton(Outer):
                 self._misfit = self._misfits([self._at])[0]
             misfit = self._misfit
             residual = self._relative(misfit)
-            done = (
-                residual <= tolerance
-                and self._error <= ERROR * tolerance
-                and not (self._start and residual > 0.0)
-            )  # guessed active sets may fit by chance
+            done = self._is_done(residual, tolerance)
             if done and self._rough:  # the gaps were only as precise as the step needed
                 self._misfit = self._look()
                 continue
-            if (done or not np.isfinite(residual)) and not self.history:
+            finite = np.isfinite(residual)
+            if not self.history and (done or not finite):
                 self._note(residual, 0.0)
-            if not np.isfinite(residual):
+            if not finite:
                 return "diverged"
             if (done and self.joint.balances(self._at.left, self._size())) or len(
                 self.history
@@ -219,6 +221,19 @@ class Newton(Outer):
             if self._path and not self._trying and self._path.failed and not self._next_path():
                 return "drift" if self._drifts() else "stalled"
             self._misfit = self._iterate(misfit, tolerance)
+            if self._is_hopeless():
+                return "stalled"
+
+    def _is_done(self, residual: float, tolerance: float) -> bool:
+        """Whether residual and estimated error are small; guessed active sets may fit by chance."""
+        guessed = self._start and residual > 0.0
+        return residual <= tolerance and self._error <= ERROR * tolerance and not guessed
+
+    def _is_hopeless(self) -> bool:
+        """Whether a path has begun that cannot lead to an answer, as there is none; asked once. Collective."""
+        begins = self._path is not None and not self._asked
+        self._asked |= begins
+        return begins and self.hopeless()
 
     def _drifts(self) -> bool:
         """Whether bodies move on and on under loads that friction does not balance, and not into a partner."""
@@ -238,11 +253,8 @@ class Newton(Outer):
 
     def _look(self) -> float:
         """Compute the gaps of the iterate anew; return its `_misfits` then (N). Collective."""
-        r = (
-            self.joint.product(self._at.s, "newton")
-            - self.joint.d
-            - self.joint.rigid.spread(self._at.alpha)
-        )
+        product = self.joint.solved if self.refined else self.joint.product
+        r = product(self._at.s, "newton") - self.joint.d - self.joint.rigid.spread(self._at.alpha)
         self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s, self._at.alpha))
         if self._modelled:
             self._modelled.refine()

@@ -21,7 +21,7 @@ from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.equilibrium import Forces, Mechanism, find_mechanism
+from ddmpi.judge.equilibrium import IMBALANCE, Forces, Mechanism, find_mechanism
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Outer
@@ -55,8 +55,9 @@ Moved = tuple[
 displacements; by name the sizes for the certificate; by contact and side the motion beside the nodes, and yielding."""
 
 
-def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
+def look_for_mechanism(assembly: Assembly, least: float = IMBALANCE) -> Mechanism | None:
     """The mechanism that proves that no contact forces balance the loads on loose bodies, or None; on all ranks.
+    `least` is as for `find_mechanism`.
 
     Skipped without loose bodies, with more than `LARGEST`, and without clarabel. Collective.
     """
@@ -83,6 +84,7 @@ def look_for_mechanism(assembly: Assembly) -> Mechanism | None:
                 joint.e,
                 bodies,
                 loads,
+                least,
             )
             if has_clarabel()
             else None

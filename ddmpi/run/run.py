@@ -228,6 +228,7 @@ def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
                     solution.outer.history,
                     statuses,
                     helpful(scene, in_force()),
+                    solution.precision,
                 )
             )
         if ladder.missed:

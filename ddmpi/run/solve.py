@@ -15,6 +15,7 @@ from ddmpi.errors import SolverError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState, ContactTotals, contact_state
 from ddmpi.judge.certificate import (
+    FACTOR,
     Certificate,
     ContactResiduals,
     certificate_limit,
@@ -22,7 +23,7 @@ from ddmpi.judge.certificate import (
     equilibrium_residual,
 )
 from ddmpi.judge.diagnosis import StatusLog
-from ddmpi.judge.equilibrium import Mechanism, describe
+from ddmpi.judge.equilibrium import SLIGHT, Mechanism, describe
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import ENDS, Outer, Report, Step, check_promises, no_report
 from ddmpi.petsc.events import event
@@ -41,6 +42,7 @@ from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
+from ddmpi.system.numbers import norm
 
 log = logging.getLogger("ddmpi")
 
@@ -50,6 +52,9 @@ USEFUL, USELESS = 0.9, 2
 """Tighter tolerances end after USELESS ones in a row that leave more than USEFUL of the certificate's largest residual.
 One is too few: forces that are moved onto their bounds shift a body on soft springs by far more than the residual says,
 and a step that meets a tighter tolerance by chance hardly changes that."""
+
+EXPLAINED = 10.0
+"""Rounding explains residuals up to this times its bound ε ‖C‖ ‖s‖ in the norm, of which a single node has less or more."""
 
 NO_SIZES = np.zeros(3)  # the `Solution.sizes` of no load step
 
@@ -105,6 +110,7 @@ class Solution:
     sizes: np.ndarray = field(default_factory=lambda: np.zeros(3))
     work: np.ndarray = field(default_factory=lambda: np.empty((2, 0)))
     time: float | None = None
+    rounding: dict[str, float] = field(default_factory=dict)
 
     @property
     def unbalanced(self) -> bool:
@@ -119,6 +125,16 @@ class Solution:
     def violations(self) -> list[str]:
         """The residuals above the limit, worded."""
         return self.certificate.violations(self.limit)
+
+    @property
+    def precision(self) -> tuple[str, float] | None:
+        """The body whose rounding explains all residuals above the limit, and the least tolerance whose limit allows
+        them; None where rounding does not explain them."""
+        name = max(self.rounding, key=lambda name: self.rounding[name], default="")
+        worst = max(value for value, _ in self.certificate.worst().values())
+        if not name or self.unbalanced or not worst <= EXPLAINED * self.rounding[name]:
+            return None
+        return name, worst / FACTOR
 
     @property
     def reason(self) -> str:
@@ -186,6 +202,10 @@ class Iteration:
 
         with clock.phase("outer"):
             self.outer = choose_outer(assembly, method, note)
+            if isinstance(self.outer, Newton):
+                # forces that leave more than the tolerance without balance do not converge
+                least = max(SLIGHT, method.tolerance)
+                self.outer.hopeless = lambda: self._slight(least) is not None
         self.limit, self._tolerance = certificate_limit(method.tolerance), method.tolerance
         self._judged = (
             math.inf,
@@ -208,6 +228,7 @@ class Iteration:
     def begin(self) -> None:
         """Forget the certificates of the load step before; the outer method begins anew by itself."""
         self._tolerance, self._judged, self._stopped = self.method.tolerance, (math.inf, 0, 0), ""
+        self._refine()
         self.statuses.clear()
 
     def keep(self, checkpoints: Checkpoints) -> None:
@@ -238,6 +259,7 @@ class Iteration:
             state["stopped"],
         )
         self.statuses.restore(state["statuses"])
+        self._refine()
 
     def solve(
         self,
@@ -297,11 +319,14 @@ class Iteration:
             if isinstance(driven, Mechanism):
                 return replace(solution, mechanism=driven, stopped="mechanism")
             if stopped != "converged" or solution.certified or hopeless:
-                return replace(solution, mechanism=mechanism)
+                return replace(
+                    solution, **{"mechanism": mechanism} | self._why(solution, mechanism)
+                )
             self._stopped = ""
             if self._checkpoints:
                 self._checkpoints.forget()
             self._tolerance *= TIGHTER
+            self._refine()
             log.info(
                 "the certificate fails (%s); continuing to a tolerance of %.0e",
                 ", ".join(solution.violations),
@@ -346,6 +371,39 @@ class Iteration:
             self.outer.history = steps
         self._stopped = ""
         return (), "released"
+
+    def _refine(self) -> None:
+        """From a certificate that fails on, let the gaps be those of the bodies to the precision of solves, as in the
+        certificate, instead of those of a rounded compliance: iterative refinement."""
+        if isinstance(self.outer, Newton):
+            self.outer.refined = self._tolerance < self.method.tolerance
+
+    def _why(self, solution: Solution, mechanism: Mechanism | None) -> dict[str, Any]:
+        """The entries of a solution that say why it is no answer, which nothing has said so far. Collective."""
+        if mechanism or solution.certified or solution.stopped == "diverged":
+            return {}
+        rounding = self._rounding() if solution.stopped == "converged" else {}
+        return {"mechanism": self._slight(SLIGHT), "rounding": rounding}
+
+    def _rounding(self) -> dict[str, float]:
+        """By body ε ‖C‖ ‖s‖ / ‖C s‖, the error in double precision of the contact displacements that the forces s
+        cause, as a fraction of these. It is large where a body yields far more to other forces than to those of its
+        contacts, as a thin layer to bending. The same on all ranks; collective."""
+        outer, found = self.outer, dict[str, float]()
+        for body, s in zip(self.assembly.bodies, outer.body_forces(), strict=True):
+            yielded = np.zeros(body.member.size)
+            with self.assembly.exchange.deferred():
+                body.member.mult(s, yielded, "certificate")
+                most = body.member.C.norm() * norm(s) if s.any() else 0.0
+                size = norm(yielded)
+                found[body.spec.name] = sys.float_info.epsilon * most / size if size else 0.0
+        self.assembly.exchange.meet("rounding")
+        return self.assembly.world.bcast(gathered(self.assembly.world, found))
+
+    def _slight(self, least: float) -> Mechanism | None:
+        """The mechanism of an imbalance from `least` on, which is too slight to be told before the iteration has
+        failed. None for bodies that move far, whose loads change as they move. Collective."""
+        return None if self.assembly.joint.far else look_for_mechanism(self.assembly, least)
 
     def _kept(self, stopped: str) -> str:
         """The end of `Outer.run`, if a method from outside keeps what `Outer` promises, else a SolverError. Collective."""

@@ -10,21 +10,21 @@ from mpi4py import MPI
 from rigid_blocks import Blocks, Boxes, arch, beam, pushed, squeezed, tall, tower, wall, wedge
 
 from ddmpi.interface.law import CoulombLaw
-from ddmpi.judge.equilibrium import Forces, _Free, describe, find_mechanism
+from ddmpi.judge.equilibrium import IMBALANCE, SLIGHT, Forces, _Free, describe, find_mechanism
 from ddmpi.judge.motions import MotionsOfBody, direction, undetermined
 from ddmpi.run import equilibrium
 
 pytestmark = pytest.mark.clarabel
 
 
-def find(interfaces, G, e, bodies, load=0.0):
+def find(interfaces, G, e, bodies, load=0.0, least=IMBALANCE):
     """The mechanism of a scene; None where there may be equilibrium."""
     ends = np.cumsum([0, *(interface.size for interface in interfaces)])
     forces = [
         Forces.of(interface, sparse.csc_matrix(G[:, start:stop]))
         for interface, start, stop in zip(interfaces, ends, ends[1:], strict=False)
     ]
-    return find_mechanism(forces, e, bodies, load)
+    return find_mechanism(forces, e, bodies, load, least)
 
 
 def found(scene):
@@ -39,7 +39,9 @@ def words(scene) -> str:
     check(scene, mechanism)
     said = describe(mechanism)
     assert said.startswith("no equilibrium: ")
-    return said.removeprefix("no equilibrium: ")
+    near = f", as nothing balances {mechanism.imbalance:.0e} of the loads"
+    assert said.endswith(near) == (mechanism.imbalance <= 1e-3)
+    return said.removeprefix("no equilibrium: ").removesuffix(near)
 
 
 def check(scene, mechanism) -> None:
@@ -69,6 +71,23 @@ def check(scene, mechanism) -> None:
         for load, at in loads
     )
     assert work > 0.0
+
+
+@pytest.mark.parametrize("beyond", [1e-3, 1e-5, 1e-7])
+@pytest.mark.parametrize("how", [{}, {"length": 1e3, "force": 1e-4}], ids=["m", "mm"])
+@pytest.mark.parametrize(
+    "law, value, limit", [("coulomb", 0.3, 0.3), ("tresca", 0.3, 0.3), ("coulomb", 9.0, 2.0)]
+)
+def test_limits_are_told_from_both_sides(law, value, limit, how, beyond):
+    """A block that slides, or tips, by 1e-7 of the limit does not stand, and by how much is said; before it stands."""
+    under = pushed(limit * (1.0 - beyond), law, value, **how)
+    assert find(*under.equilibrium(), least=SLIGHT) is None
+    over = pushed(limit * (1.0 + beyond), law, value, **how)
+    mechanism = find(*over.equilibrium(), least=SLIGHT)
+    assert mechanism is not None
+    check(over, mechanism)
+    assert 0.05 * beyond < mechanism.imbalance < beyond
+    assert "as nothing balances" in describe(mechanism)
 
 
 # What is said of scenes in the plane
@@ -251,6 +270,21 @@ def test_what_a_fast_body_without_load_leaves_of_others_is_no_proof(monkeypatch)
         ),
     )
     scene = pushed(0.0, "none").box("idle", 0, 3, 1, 1, weight=0.0)
+    assert found(scene) is None
+
+
+def test_rounding_is_no_proof_of_a_slight_imbalance(monkeypatch):
+    """A motion along the loads that presses into the floor by rounding proves no more than the floor may then bear."""
+    scene, into = pushed(0.3, value=0.3), 1e-7
+    slide = np.array(
+        [1.0, -0.3 - into, 0.0]
+    )  # work 0.3 - 0.3 - ..., and friction would lift by 0.3
+    lifted = np.array([1.0, 0.3 - into, 0.0])
+    for v, beyond in ((lifted, 1e-8), (slide, 1e-8)):
+        monkeypatch.setattr(
+            _Free, "start", lambda self, slope, bound, v=v: (v, np.ones_like(slope))
+        )
+        assert find(*pushed(0.3 + beyond, value=0.3).equilibrium(), least=SLIGHT) is None
     assert found(scene) is None
 
 

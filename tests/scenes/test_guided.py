@@ -116,7 +116,7 @@ def test_a_guide_holds_against_a_pull_and_not_along_itself():
         and answer.summary["undetermined"] == []
     )
     answer = ddmpi.solve(pushed(1.0), MPI.COMM_SELF)
-    assert answer.reason == "no equilibrium: block would move along x"
+    assert answer.reason.startswith("no equilibrium: block would move along x")
 
 
 def test_a_gap_is_closed_and_steps_balance():
