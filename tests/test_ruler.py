@@ -6,7 +6,7 @@ import pytest
 import ruler
 
 COMPLEX = {
-    "check/check:_check": 22,
+    "check/check:_check": 20,
     "check/check:_look": 17,
     "check/check:_page": 26,
     "check/drawing:draw_bodies": 17,

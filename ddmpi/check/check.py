@@ -84,15 +84,7 @@ def _check(
         assembly = prepare_scene(world, scene, scene_path, factor=False)
         held, free = motions_to_hold(assembly), motions_without_resistance(assembly)
         mechanism = beyond_meshes(assembly, held, look_for_mechanism(assembly))
-        still = [
-            msgspec.structs.replace(rigid, displacement=(0.0,) * scene.dimension)
-            for rigid in scene.rigid
-        ]
-        overlaps = doubt_overlaps(
-            dataclasses.replace(assembly, scene=msgspec.structs.replace(scene, rigid=still)),
-            {body.spec.name: np.zeros_like(body.mesh.points) for body in assembly.bodies},
-            {},
-        )
+        overlaps = _overlaps(assembly)
         with agreed(world):
             local = {body.spec.name: _look(body, scene.units["length"]) for body in assembly.bodies}
         looked = merged(world, local)
@@ -134,6 +126,16 @@ def _check(
                 )
             if mechanism:
                 raise NotConvergedError(describe(mechanism))
+
+
+def _overlaps(assembly: Assembly) -> list[str]:
+    """Warnings of bodies that penetrate each other or rigid partners as they are drawn. Collective."""
+    scene = assembly.scene
+    here = (0.0,) * scene.dimension
+    still = [msgspec.structs.replace(rigid, displacement=here) for rigid in scene.rigid]
+    drawn = dataclasses.replace(assembly, scene=msgspec.structs.replace(scene, rigid=still))
+    unmoved = {body.spec.name: np.zeros_like(body.mesh.points) for body in assembly.bodies}
+    return doubt_overlaps(drawn, unmoved, {})
 
 
 def _look(body: Body, unit: str) -> Looked:

@@ -37,6 +37,7 @@ from ddmpi.petsc.options import in_force
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.pictures.views import View
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
+from ddmpi.results.fields import Fields
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import undetermined_motions
 from ddmpi.run.gather import Solved, StepLog, fields_of, gather_summary, write_files
@@ -352,6 +353,42 @@ def _another_mesh(
     return True
 
 
+def _of_answer(
+    assembly: Assembly,
+    solution: Solution,
+    steps: StepLog,
+    error: DiscretizationError,
+    fields: dict[str, Fields],
+    free: list[str],
+) -> list[str]:
+    """The warnings of an answer, of load steps before it as well. Collective."""
+    scene, world = assembly.scene, assembly.world
+    doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
+    infinite, edges = doubt_edges(assembly.in_world(), solution.states)
+    warnings = [*coarse_words(solution.held), *doubts, *infinite]
+    warnings += steps.doubts_beside([*doubts, *free])
+    if not scene.output.only:
+        stresses = {name: field.von_mises for name, field in fields.items()}
+        warnings += [] if world.rank else doubt_mesh(scene.body, error)
+        warnings += doubt_stress(assembly.in_world(), stresses, edges)
+    unsolved = f"GMRES does not solve their equations to {ENOUGH:.0e}"
+    for key, entry in () if world.rank else steps.derived[0].items():
+        if entry is None:
+            words = f"derivatives.{key}: not given, because {steps.derived[2].get(key, unsolved)}"
+            warnings.append(Doubt(words, "derivatives", of=f"derivatives.{key}"))
+    return warnings
+
+
+def _of_meshes(assembly: Assembly) -> list[str]:
+    """The warnings of meshes, which may be why there is no answer. Collective."""
+    thin = {}
+    for body in assembly.bodies:
+        doubts = (doubt(body.mesh, body.spec.name) for doubt in (doubt_cells, doubt_shape))
+        thin[body.spec.name] = [doubt for doubt in doubts if doubt]
+    of_all = gathered(assembly.world, thin)
+    return [doubt for body in assembly.scene.body for doubt in of_all.get(body.name, ())]
+
+
 def _judge(
     assembly: Assembly,
     solution: Solution,
@@ -371,41 +408,9 @@ def _judge(
     free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
     warnings = [*assembly.warnings, *locking_of(scene)]
     if solution.certified:
-        warnings += coarse_words(solution.held)
-        doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
-        infinite, edges = doubt_edges(assembly.in_world(), solution.states)
-        warnings += [*doubts, *infinite, *steps.doubts_beside([*doubts, *free])]
-        if not scene.output.only:
-            warnings += [
-                *(() if world.rank else doubt_mesh(scene.body, error)),
-                *doubt_stress(
-                    assembly.in_world(),
-                    {name: field.von_mises for name, field in fields.items()},
-                    edges,
-                ),
-            ]
-        unsolved = f"GMRES does not solve their equations to {ENOUGH:.0e}"
-        warnings += [
-            Doubt(
-                f"derivatives.{key}: not given, because {steps.derived[2].get(key, unsolved)}",
-                "derivatives",
-                of=f"derivatives.{key}",
-            )
-            for key, entry in steps.derived[0].items()
-            if entry is None and not world.rank
-        ]
-    else:  # no answer to warn of, but meshes may be the reason
-        thin = gathered(
-            world,
-            {
-                body.spec.name: [
-                    doubt(body.mesh, body.spec.name) for doubt in (doubt_cells, doubt_shape)
-                ]
-                for body in assembly.bodies
-            },
-        )
-        warnings += [doubt for body in scene.body for doubt in thin.get(body.name, ()) if doubt]
-        warnings += steps.doubts_beside(())  # those of load steps that have an answer
+        warnings += _of_answer(assembly, solution, steps, error, fields, free)
+    else:
+        warnings += [*_of_meshes(assembly), *steps.doubts_beside(())]
     return Solved(
         assembly,
         solution,
