@@ -28,7 +28,7 @@ from ddmpi.scene.bodies import Material
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.system.agreement import gathered
 from ddmpi.system.doubts import Doubt
-from ddmpi.system.numbers import SAME, in_words
+from ddmpi.system.numbers import SAME, in_words, place_of_largest
 
 BOGY = (
     0.05  # α (α − 2β) from which a flush bond of unlike bodies is told of; weaker ones hardly show
@@ -253,14 +253,16 @@ def _pressure(state: ContactState, singular: Singular, unit: str) -> str:
     top = pressure >= (1.0 - SAME) * largest
     if top.all():  # a constant pressure grows nowhere
         return ""
+    rows = interface.lines.row
+    at = place_of_largest(pressure[rows], interface.lines.acting)
+    assert at is not None
     for place, what in zip(singular.places, singular.what, strict=True):
-        rows = interface.lines.row
         distance = np.linalg.norm(interface.lines.acting - place, axis=1)
         near = distance <= (1.0 + SAME) * reaches(interface)[rows]
         if (top[rows] & near).any():
             return Doubt(
                 f"contact.{interface.name}: the largest pressure, {largest:.4g} {unit}, is at {what} at "
-                f"{in_words(place, 4)}, where it grows without limit as the mesh is refined; take the force, or "
+                f"{in_words(at, 4)}, where it grows without limit as the mesh is refined; take the force, or "
                 "the pressure beside it",
                 "infinite pressure",
                 float(largest),
