@@ -313,6 +313,12 @@ def judge_held(
     return told, mechanism, False
 
 
+def slides(held: Sequence[HeldMotion]) -> bool:
+    """Whether a load drives a held motion that turns no body. Sides along it are flat, so that no error of normals is
+    known to bear the load: then the program of rigid motions decides, however slight the load is."""
+    return any(TURN not in one.motion and one.moment > IMBALANCE * one.bound for one in held)
+
+
 def _borne(
     assembly: Assembly, bodies: Sequence[MotionsOfBody], basis: np.ndarray, s: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

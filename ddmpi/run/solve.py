@@ -36,7 +36,7 @@ from ddmpi.run.equilibrium import (
     driven_partners,
     look_for_mechanism,
 )
-from ddmpi.run.held import Held, HeldMotion, beyond_meshes, judge_held, motions_to_hold
+from ddmpi.run.held import Held, HeldMotion, beyond_meshes, judge_held, motions_to_hold, slides
 from ddmpi.run.least import least_motion
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
@@ -359,6 +359,8 @@ class Iteration:
             return (), ""
         held, driven, released = judge_held(self.assembly, self.held, self.outer)
         if not released:
+            if not driven and slides(held):
+                driven = beyond_meshes(self.assembly, self.held, self._slight(SLIGHT))
             return held, driven or ""
         log.info("a motion that coarse elements hardly resist is driven by loads: it is not held")
         joint = self.assembly.joint
