@@ -104,14 +104,9 @@ def _check(
             )
             for line in _page(assembly, bodies, interfaces, missing, free, ranks):
                 log.info("%s", line)
-            for warning in condensed(
-                [
-                    *assembly.warnings,
-                    *locking_of(scene),
-                    *overlaps,
-                    *(body.doubt for body in bodies.values() if body.doubt),
-                ]
-            ):
+            of_meshes = [body.doubt for body in bodies.values() if body.doubt]
+            doubts = [*assembly.warnings, *locking_of(scene), *overlaps, *of_meshes]
+            for warning in condensed(doubts):
                 log.warning("%s", warning)
             if folder and world.rank in near:
                 names = draw(

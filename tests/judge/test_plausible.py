@@ -411,7 +411,7 @@ WARNED = [
         "coarse",
         (
             "forces at the edges of contacts are uncertain: the estimated discretization error is "
-            "0.19",
+            "0.2,",
             "; use a finer mesh",
         ),
     ),
