@@ -18,6 +18,7 @@ MODULES = [
     "ddmpi.mesh.mesh",
     "ddmpi.scene.contacts",
     "ddmpi.scene.reader",
+    "ddmpi.system.doubts",
     "ddmpi.system.numbers",
 ]
 
