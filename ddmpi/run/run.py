@@ -353,6 +353,17 @@ def _another_mesh(
     return True
 
 
+def _beside_rounding(infinite: list[str], doubts: list[str]) -> list[str]:
+    """Warnings of infinite pressures, but for those of contacts whose forces are rounding by the `doubts`."""
+    told = [doubt for doubt in doubts if isinstance(doubt, Doubt)]
+    uncertain = {of for doubt in told if doubt.kind == "uncertain" for of in doubt.of}
+    return [
+        doubt
+        for doubt in infinite
+        if not isinstance(doubt, Doubt) or uncertain.isdisjoint(doubt.of)
+    ]
+
+
 def _of_answer(
     assembly: Assembly,
     solution: Solution,
@@ -365,7 +376,7 @@ def _of_answer(
     scene, world = assembly.scene, assembly.world
     doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
     infinite, edges = doubt_edges(assembly.in_world(), solution.states)
-    warnings = [*coarse_words(solution.held), *doubts, *infinite]
+    warnings = [*coarse_words(solution.held), *doubts, *_beside_rounding(infinite, doubts)]
     warnings += steps.doubts_beside([*doubts, *free])
     if not scene.output.only:
         stresses = {name: field.von_mises for name, field in fields.items()}
