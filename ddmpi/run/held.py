@@ -42,8 +42,9 @@ WORST = 3.0
 FAINT = 3.0 * COARSE
 """No motion is held in a group of bodies that resists all motions by more than this, over the root of its forces."""
 
-RIGID = 1e-10
-"""Forces count as this fraction of a motion of the body at least, so that all have a size."""
+RIGID = 1e-6
+"""The square of a motion past contacts counts as this fraction of that of the bodies at least: rounding of squares, 1e-8
+of a motion, is then far below `RESISTED` of what it is compared with."""
 
 LEVERS = 2e-2
 """Most errors of lever arms of loads, over the size of a body, and of the turn that they drive."""

@@ -176,7 +176,7 @@ class Hosts:
         """scripts/run.sh on a, with its two ranks on `hosts`; with a `kind`, the host of `rank` is lost under way."""
         faulty = [fault.__file__, json.dumps([(rank, MULT, 60, kind, str(folder), [])])]
         program = [sys.executable, *(faulty if kind else ["-m", "ddmpi"])]
-        (self.here / "python").write_text(f'#!/bin/sh\nshift 2\nexec {shlex.join(program)} "$@"\n')
+        (self.here / "python").write_text(f'#!/bin/sh\nshift 3\nexec {shlex.join(program)} "$@"\n')
         (self.here / "python").chmod(0o755)
         slots = {host: hosts.count(host) for host in hosts}
         (self.here / "hosts").write_text(
