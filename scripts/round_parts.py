@@ -243,7 +243,7 @@ def main() -> int:
     if rank_0:
         print(f"{len(rows) - wrong} of {len(rows)} as they should be")
         if rows and not options.only:
-            facts = {r"(?<=version )[\d.]+": ddmpi.__version__}
+            facts = {r"(?<=version )\d+\.\d+\.\d+": ddmpi.__version__}
             lines = table(rows[0], [row.values() for row in rows])
             publish("round_parts.md", {"": lines}, options.output, facts=facts)
     return int(wrong > 0 or not rows)
