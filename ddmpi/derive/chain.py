@@ -14,7 +14,7 @@ import numpy as np
 
 from ddmpi.body.elasticity import LoadCase
 from ddmpi.coupling.assembly import Assembly
-from ddmpi.derive.entries import Entry, entries_of
+from ddmpi.derive.entries import Entry, determined, entries_of
 from ddmpi.derive.parameters import Parameter, parameter
 from ddmpi.errors import naming
 from ddmpi.interface.law import Law
@@ -30,7 +30,9 @@ DRIVEN = "it drives a motion that nothing but the errors of meshes resists"
 Derived = dict[str, np.ndarray]
 """Of each parameter p: forces ``s`` (p, size), relative displacements less gaps ``closed`` (p, size), motions ``alpha``
 (p, rigid.size), work of friction so far ``dissipated`` (p, nc) at the contacts of this rank, how far the parameter may
-fall and rise ``until`` (p, 2) a status changes, and the largest ``residual`` (p,) so far."""
+fall and rise ``until`` (p, 2) a status changes, and the largest ``residual`` (p,) so far; the forces ``unseen``
+(p, size) that no equation determines (`Linearisation.unseen`), and whether the work of friction ever depended on such
+forces, ``vague`` (p, nc), 0 or 1."""
 
 
 class Mark(Protocol):
@@ -80,6 +82,8 @@ class Chain:
             "alpha": np.zeros((number, self.assembly.joint.rigid.size)),
             "dissipated": np.zeros((number, len(space.interfaces))),
             "residual": np.zeros(number),
+            "unseen": np.zeros((number, space.size)),
+            "vague": np.zeros((number, len(space.interfaces))),
             "until": np.tile([-np.inf, np.inf], (number, 1)),
         }
 
@@ -106,6 +110,7 @@ class Chain:
         factors = self.assembly.scene.factors(time if drawn is None else drawn)
         equations = outer.linearisation()
         s, former = equations.point.s, now.s if now else np.zeros(space.size)
+        unseen, _ = equations.unseen()
         rows = list[dict[str, Any]]()
         for k, one in enumerate(self.parameters):
             start = self._start(k, time, now, before) if now and before else np.zeros(space.size)
@@ -134,9 +139,12 @@ class Chain:
                     space.with_slices(), bounds, former_bounds, strict=True
                 )
             ]
+            vague = self._vague(answer, (s, unseen), (former, since["unseen"][k]))
             rows.append(
                 {
                     "s": changed.s,
+                    "unseen": unseen,
+                    "vague": np.maximum(vague, since["vague"][k]),
                     "closed": start - changed.r,
                     "alpha": changed.alpha + kept,
                     "dissipated": since["dissipated"][k] + np.array(work),
@@ -161,6 +169,17 @@ class Chain:
             answer.states,
         )
         return *entries, self.driving
+
+    def _vague(self, answer: Answered, *forces: tuple[np.ndarray, np.ndarray]) -> list[bool]:
+        """`_vague` of each contact of this rank, with its parts of `forces`, pairs of (size,)."""
+        return [
+            _vague(
+                answer.states[interface.name],
+                interface.law,
+                *((s[part], unseen[part]) for s, unseen in forces),
+            )
+            for interface, part in self.assembly.space.with_slices()
+        ]
 
     @cached_property
     def _responses(self) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -227,6 +246,14 @@ def _follows(law: Law, s: np.ndarray, ds: np.ndarray) -> np.ndarray:
         law.slope(np.maximum(s[: law.m], 0.0))
         * np.where(s[: law.m] > 0.0, ds[: law.m], 0.0)[law.sliding]
     )
+
+
+def _vague(state: ContactState, law: Law, *forces: tuple[np.ndarray, np.ndarray]) -> bool:
+    """Whether the work of friction depends on forces that no equation determines: (s, unseen), each (size,), now and at
+    the beginning of the step."""
+    slips = np.asarray(state.status)[law.sliding] == "slip"
+    weights = np.where(slips, magnitude(state.slip[law.sliding]), 0.0)
+    return any(not determined(weights * _follows(law, s, unseen)) for s, unseen in forces)
 
 
 def _rubbed(

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.body.elasticity import clamp_forces
+from ddmpi.body.elasticity import LoadCase, clamp_forces
 from ddmpi.body.loads import resultants
-from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.derive.parameters import Parameter, scaled
 from ddmpi.interface.law import direction
 from ddmpi.interface.state import ContactState
@@ -21,6 +21,9 @@ from ddmpi.system.numbers import moment
 
 ENOUGH = 1e-6
 """Largest relative residual of derivatives that are told."""
+
+CLEAR = 1e-6
+"""Sums of forces below this share of their sizes are rounding."""
 
 
 class Entry(dict[str, Any]):
@@ -42,7 +45,7 @@ def entries_of(
     states: Mapping[str, ContactState],
 ) -> tuple[dict[str, Entry | None], dict[str, Entry]]:
     """By key the derivatives of all results, on the first rank, None where they are not precise enough; and those of
-    arrays over this rank's contacts and bodies.
+    arrays over this rank's contacts and bodies. What depends on forces that nothing determines is not a number.
 
     Parameters
     ----------
@@ -56,46 +59,83 @@ def entries_of(
     contacts, bodies, told = {}, {}, dict[str, Entry | None]()
     arrays = {one.key: Entry(contacts=Entry(), bodies=Entry()) for one in parameters}
     parts = [joint.exchange.spread(s) for s in derived["s"]]
+    unseen = [joint.exchange.spread(s) for s in derived["unseen"]]
     with agreed(assembly.world):
         for k, one in enumerate(parameters):
             here = arrays[one.key]
-            for (name, state), part, work in zip(
-                states.items(),
-                assembly.space.parts.values(),
-                derived["dissipated"][k].tolist(),
-                strict=True,
+            for number, ((name, state), part) in enumerate(
+                zip(states.items(), assembly.space.parts.values(), strict=True)
             ):
                 contacts[k, name], here.contacts[name] = _contact(
-                    state, derived["s"][k][part], derived["closed"][k][part], work
+                    state,
+                    derived["s"][k][part],
+                    derived["closed"][k][part],
+                    derived["unseen"][k][part],
+                )
+                vague = derived["vague"][k, number]
+                contacts[k, name]["dissipated"] = np.array(
+                    [derived["dissipated"][k, number], vague, vague]
                 )
             cases = one.load(assembly, u, factors[one.history])
-            for body, forces in zip(assembly.bodies, parts[k], strict=True):
-                # the derivative of a displacement is the displacement under the derivatives of all forces
-                name, mesh = body.spec.name, body.mesh
-                case = cases.get(name) or scaled(body.member.elasticity.acting, 0.0)
-                member, alpha = body.member.loaded_by(case), derived["alpha"][k]
-                du, *_ = member.displacement(forces, alpha[joint.slices[name]], PURPOSE)
-                held = clamp_forces(mesh, body.spec, member.elasticity, du, member.pull(forces))
-                reactions = [entry["force"] for entry in resultants(mesh, held).values()]
-                points = {point: du[at].mean(axis=0) for point, at in mesh.vertices.items()}
-                reaction = sum(reactions, np.zeros(mesh.dimension))
-                bodies[k, name] = Entry(reaction=reaction, points=Entry(points))
-                here.bodies[name] = Entry(displacement=du)
+            for body, forces, free in zip(assembly.bodies, parts[k], unseen[k], strict=True):
+                name = body.spec.name
+                alpha = derived["alpha"][k][joint.slices[name]]
+                bodies[k, name], here.bodies[name] = _body(
+                    body, cases.get(name), forces, free, alpha
+                )
     contacts, bodies = gathered(assembly.world, contacts), gathered(assembly.world, bodies)
     for k, one in enumerate(parameters):
-        told[one.key] = None
         if derived["residual"][k] > ENOUGH:
+            told[one.key] = None
             continue
-        alpha = derived["alpha"][k]
+        motions = derived["alpha"][k]
+        pushed = {each.name: each.shift(motions[joint.slices[each.name]]) for each in joint.driven}
         own = {name: entry for (number, name), entry in contacts.items() if number == k}
-        shifts = {each.name: each.shift(alpha[joint.slices[each.name]]) for each in joint.driven}
         told[one.key] = Entry(
             until=one.value + derived["until"][k],
-            contacts=Entry({contact.name: own.get(contact.name) for contact in scene.contact}),
+            contacts=Entry({entry.name: _known(own.get(entry.name)) for entry in scene.contact}),
             bodies=Entry({body.name: bodies.get((k, body.name)) for body in scene.body}),
-            rigid=_partners(scene, own, shifts, one.moved, factors[one.history]),
+            rigid=_partners(scene, own, pushed, one.moved, factors[one.history]),
         )
     return told, arrays
+
+
+def _body(
+    body: Body, case: LoadCase | None, forces: np.ndarray, unseen: np.ndarray, alpha: np.ndarray
+) -> tuple[Entry, Entry]:
+    """The derivatives of a body's results, and its displacement (nv, d), from those of its load `case`, of contact
+    forces (size,) and motions (j,), and the forces `unseen` (size,). Collective on the body's communicator."""
+    # the derivative of a displacement is the displacement under the derivatives of all forces
+    mesh, acting = body.mesh, body.member.elasticity.acting
+    member = body.member.loaded_by(case or scaled(acting, 0.0))
+    du, *_ = member.displacement(forces, alpha, PURPOSE)
+    held = resultants(
+        mesh, clamp_forces(mesh, body.spec, member.elasticity, du, member.pull(forces))
+    )
+    # clamps bear what forces that nothing determines do to their nodes
+    pull = member.pull(unseen)[member.elasticity.clamped]
+    reaction = sum((entry["force"] for entry in held.values()), np.zeros(mesh.dimension))
+    told = Entry(
+        reaction=known(reaction, pull.sum(axis=0), np.abs(pull).sum(axis=0)),
+        points=Entry({point: du[nodes].mean(axis=0) for point, nodes in mesh.vertices.items()}),
+    )
+    return told, Entry(displacement=du)
+
+
+def _known(entry: Entry | None) -> Entry | None:
+    """The results of a contact that are `known`; None on other ranks than the first."""
+    return entry and Entry({what: known(*of) for what, of in entry.items()})
+
+
+def determined(unseen: np.ndarray) -> bool:
+    """Whether a sum of such terms, of forces that no equation determines, vanishes."""
+    return bool(abs(unseen.sum()) <= CLEAR * np.abs(unseen).sum())
+
+
+def known(value: np.ndarray, unseen: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """A result, not a number where it depends on forces that no equation determines: where these change it by `unseen`,
+    beside terms of this `size`. All of one shape."""
+    return np.where(np.abs(unseen) <= CLEAR * np.abs(size), value, np.nan)[()]
 
 
 def joined(*entries: Mapping[str, Any]) -> Entry:
@@ -139,23 +179,44 @@ def measures(state: ContactState) -> dict[str, np.ndarray]:
 
 
 def _contact(
-    state: ContactState, s: np.ndarray, closed: np.ndarray, work: float
+    state: ContactState, s: np.ndarray, closed: np.ndarray, unseen: np.ndarray
 ) -> tuple[Entry, Entry]:
-    """The derivatives of a contact's resultants, and those at its nodes, from those of its forces s (size,), relative
-    displacements less gaps `closed` (size,), and dissipation."""
+    """The derivatives of a contact's resultants as `known` takes them, and those at its nodes, from those of its forces
+    s (size,), relative displacements less gaps `closed` (size,), and the forces `unseen` (size,)."""
     law = state.interface.law
-    (normal, along), (closing, slid) = law.split(s), law.split(closed)
-    tangential, slip = np.zeros((2, *state.slip.shape))
-    tangential[law.sliding], slip[law.sliding] = along, slid
-    change = replace(state, normal_force=normal, tangential_force=tangential)
-    return Entry({name: row @ s for name, row in measures(state).items()}, dissipated=work), Entry(
-        pressure=change.pressure,
-        shear=change.shear,
-        normal_forces=normal,
-        tangential_forces=tangential,
-        gap=-closing,
-        slip_total=slip,
+    closing, slid = law.split(closed)
+    slip = np.zeros(state.slip.shape)
+    slip[law.sliding] = slid
+    at_nodes, free = _at_nodes(state, s), _at_nodes(state, unseen)
+    largest = {name: np.abs(values).max(initial=0.0) for name, values in free.items()}
+    return (
+        Entry(
+            {
+                name: np.array([row @ s, row @ unseen, np.abs(row) @ np.abs(unseen)])
+                for name, row in measures(state).items()
+            }
+        ),
+        Entry(
+            {name: known(at_nodes[name], free[name], largest[name]) for name in at_nodes},
+            gap=-closing,
+            slip_total=slip,
+        ),
     )
+
+
+def _at_nodes(state: ContactState, s: np.ndarray) -> dict[str, np.ndarray]:
+    """What changes s (size,) of its forces change at the nodes of a contact."""
+    law = state.interface.law
+    normal, along = law.split(s)
+    tangential = np.zeros(state.slip.shape)
+    tangential[law.sliding] = along
+    change = replace(state, normal_force=normal, tangential_force=tangential)
+    return {
+        "pressure": change.pressure,
+        "shear": change.shear,
+        "normal_forces": normal,
+        "tangential_forces": tangential,
+    }
 
 
 def _partners(
@@ -177,8 +238,11 @@ def _partners(
             entry = partners.setdefault(
                 name,
                 Entry(
-                    displacement=np.zeros(scene.dimension) + shift, force=np.zeros(scene.dimension)
+                    displacement=np.zeros(scene.dimension) + shift,
+                    force=np.zeros((3, scene.dimension)),
                 ),
             )
             entry["force"] = entry["force"] - contacts[contact.name].force
+    for entry in partners.values():
+        entry["force"] = known(*entry["force"])
     return partners

@@ -3,7 +3,7 @@ solve of the transposed equations."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from math import comb
@@ -13,7 +13,7 @@ from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.chain import Answered
-from ddmpi.derive.entries import ENOUGH, Entry, measures
+from ddmpi.derive.entries import CLEAR, ENOUGH, Entry, measures
 from ddmpi.derive.parameters import Parameter, parameter, scaled
 from ddmpi.errors import InputError, SolverError, nearest
 from ddmpi.interface.interface import Interface
@@ -62,8 +62,9 @@ class Functional:
 
 
 def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -> Entry:
-    """The derivatives of a `result`, such as "contacts.fit.normal_force", by key, None where a load drives a motion
-    that is held, and under "gap" by the gap at every node (m,) of each contact; of an answer in one load step.
+    """The derivatives of a `result`, such as "contacts.fit.normal_force", by key, and under "gap" by the gap at every
+    node (m,) of each contact; of an answer in one load step. By a key None, by a gap NaN, where the answer does not
+    follow: where a load drives a motion that is held, or contacts that stick at one node stand against the change.
 
     Collective. Raises InputError for an unknown result, and SolverError where the equations are not solved precisely.
     """
@@ -83,7 +84,10 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
         wanted.forces = joint.exchange.total(of_bodies, "reaction")
     equations = outer.linearisation()
     w, q, beta, fields, moved = _adjoint(assembly, equations, wanted, result)
-    found, known, pulls = list[float](), list[str](), list[np.ndarray]()
+    barred, _ = equations.unseen(transposed=True)
+    hindered = _hindered(assembly, barred)
+    found, known = list[float](), list[str]()
+    pulls, stops = list[np.ndarray](), list[np.ndarray]()
     for one in _parameters(assembly):
         known.append(one.key)
         # what γ and changes of bounds add at given forces; around loads and motions, the work of w
@@ -103,21 +107,25 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
                 total += float(one.moved[1][wanted.axis])
         found.append(total)
         pulls.append(_pull(assembly, one, answer))
-    gaps = {met.name: -met.scale * w[part][: met.m] for met, part in assembly.space.with_slices()}
-    told = zip(known, _told(assembly, found, pulls), strict=True)
+        stops.append(hindered(one, answer))
+    gaps = _by_gaps(assembly, w, barred)
+    told = zip(known, _told(assembly, found, pulls, stops), strict=True)
     return Entry(told, gap=Entry(merged(world, gaps)))
 
 
-def _told(assembly: Assembly, found: list[float], pulls: list[np.ndarray]) -> list[float | None]:
-    """The sums of derivatives over the ranks, None where loads drive a motion that is held. Collective."""
-    totals = assembly.world.allreduce(np.array(found)).tolist()
-    if not assembly.joint.stays.held.size:
-        return totals
-    driving = assembly.world.allreduce(np.array(pulls))
-    return [
-        None if assembly.joint.stays.drives(pull) else total
-        for total, pull in zip(totals, driving, strict=True)
-    ]
+def _told(
+    assembly: Assembly, found: list[float], pulls: list[np.ndarray], stops: list[np.ndarray]
+) -> list[float | None]:
+    """The sums of derivatives over the ranks, None where loads drive a motion that is held, and where contacts stand
+    against a change. Collective."""
+    world, stays = assembly.world, assembly.joint.stays
+    totals = world.allreduce(np.array(found)).tolist()
+    works, sizes = world.allreduce(np.array(stops).reshape(-1, 2)).T
+    barred = np.abs(works) > CLEAR * sizes
+    if stays.held.size:
+        driving = world.allreduce(np.array(pulls))
+        barred |= np.array([bool(stays.drives(pull)) for pull in driving], bool)
+    return [None if no else total for no, total in zip(barred, totals, strict=True)]
 
 
 def _pull(assembly: Assembly, one: Parameter, answer: Answered) -> np.ndarray:
@@ -140,6 +148,7 @@ def _adjoint(
     j = wanted.forces
     if space.any(wanted.moves):  # d(closed) = ρ + Z dα − C ds
         j = j - joint.product(wanted.moves, PURPOSE, AIM)
+    _refuse_vague(equations, j, result)
     z, beta, residual = equations.adjoint(j, wanted.motions + joint.rigid.sums(wanted.moves))
     if residual > ENOUGH:
         raise SolverError(
@@ -167,6 +176,49 @@ def _parameters(assembly: Assembly) -> Iterator[Parameter]:
         if assembly.world.allreduce(one is not None, MPI.LAND):
             assert one is not None
             yield one
+
+
+def _refuse_vague(equations: Linearisation, j: np.ndarray, result: str) -> None:
+    """Raise SolverError, on all ranks, for a result whose derivative j (size,) by forces no equation determines.
+    Collective."""
+    unseen, _ = equations.unseen()
+    change, size = equations.joint.space.add(np.array([j @ unseen, np.abs(j) @ np.abs(unseen)]))
+    if abs(change) > CLEAR * size:
+        raise SolverError(
+            f"gradient({result!r}): it depends on forces of several contacts at one node, of which only the sum is "
+            "determined"
+        )
+
+
+def _by_gaps(assembly: Assembly, w: np.ndarray, barred: np.ndarray) -> dict[str, np.ndarray]:
+    """By contact of this rank the derivatives (m,) by the gaps of its nodes, of which those `barred` have none."""
+    return {
+        met.name: np.where(barred[part] == 0.0, -met.scale * w[part], np.nan)[: met.m]
+        for met, part in assembly.space.with_slices()
+    }
+
+
+def _hindered(
+    assembly: Assembly, barred: np.ndarray
+) -> Callable[[Parameter, Answered], np.ndarray]:
+    """The work of the forces `barred` (size,) on the motions of a parameter, and the size of its terms (2,), of this
+    rank. Where the first is not zero, contacts that stick at one node stand against the change, and the answer does not
+    follow it. Not collective, but for the construction."""
+    parts = assembly.joint.exchange.spread(barred)
+    pulls = {
+        body.spec.name: body.member.pull(part)
+        for body, part in zip(assembly.bodies, parts, strict=True)
+    }
+
+    def hindered(one: Parameter, answer: Answered) -> np.ndarray:
+        terms = [barred * (one.driven - one.opening)]
+        for name, case in one.load(assembly, answer.displacements, 1.0).items():
+            terms.append((pulls[name] * case.prescribed).ravel())
+        return np.array(
+            [sum(term.sum() for term in terms), sum(np.abs(term).sum() for term in terms)]
+        )
+
+    return hindered
 
 
 def functional(assembly: Assembly, states: Mapping[str, ContactState], result: str) -> Functional:

@@ -15,6 +15,7 @@ for all parameters (implicit differentiation; E is `Linearised.expansion`, I its
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
@@ -32,6 +33,10 @@ AIM, ROUNDS = 1e-10, 10
 STEERED = 1e-5
 """With loose bodies one solve by GMRES reduces the residual by this factor at most: the springs that steer them leave
 about as much. At 1e-10 a wall and an arch take a quarter more products."""
+
+UNIQUE, CLEAR = 1e-3, 1e-6
+"""Of forces drawn at random, those that change no equation are left. All are determined if less than the share UNIQUE
+is left; entries below CLEAR times the largest are rounding."""
 
 GAIN = 0.3
 """The solves end after one that leaves more than this fraction of the residual."""
@@ -110,6 +115,35 @@ class Linearisation:
         return np.array(
             [self.direct(none, along, none).alpha for along in np.eye(self.joint.rigid.size)]
         ).T
+
+    def unseen(self, transposed: bool = False) -> tuple[np.ndarray, np.ndarray]:
+        """Forces (size,) and motions (rigid.size,), drawn at random of all that change no equation.
+
+        Forces of several contacts at one node may cancel each other: then only their sum is determined, and a result
+        is determined where these forces leave it unchanged. Zero where all forces are determined, or where no node has
+        several contacts. `transposed`: those of the transposed system, I z and β of `adjoint`. They are what a parameter
+        must not work on for an answer to follow it.
+        """
+        joint, space, lin = self.joint, self.joint.space, self.linearised
+        none = np.zeros(self.joint.size), np.zeros(self.joint.rigid.size)
+        outward, inward = (lin.place, lin.contract) if transposed else (lin.expand, lin.restrict)
+        draws = [  # the same on any ranks
+            np.random.default_rng(zlib.crc32(interface.name.encode())).standard_normal(
+                part.stop - part.start
+            )
+            for interface, part in space.with_slices()
+        ]
+        draw = np.concatenate([np.empty(0), *draws])
+        y = lin.restrict(np.where(joint.shared(), draw, 0.0))
+        size = space.norm(y)
+        if not size:
+            return none
+        f = inward(joint.product(outward(y), PURPOSE, AIM)) + self._layer[lin.unknown] * y
+        more, alpha, _, _ = self._solve(-f, -joint.rigid.sums(outward(y)), transposed=transposed)
+        if space.norm(y + more) <= UNIQUE * size:
+            return none
+        left = outward(y + more)
+        return np.where(np.abs(left) > CLEAR * space.largest(np.abs(left)), left, 0.0), alpha
 
     def adjoint(self, j: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
         """I z (size,) in m/N times the unit of a result J, β (rigid.size,), and the residual, by dJ = j·ds + a·dα."""

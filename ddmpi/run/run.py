@@ -15,7 +15,7 @@ from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import WorkingRanks, on_working_ranks, team_of
 from ddmpi.coupling.team import Team
-from ddmpi.derive.entries import ENOUGH
+from ddmpi.derive.entries import ENOUGH, Entry
 from ddmpi.errors import DdmpiError, InputError, NotConvergedError, SolverError, naming
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
@@ -45,6 +45,7 @@ from ddmpi.run.held import coarse_words
 from ddmpi.run.places import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution
+from ddmpi.scene.keys import flatten
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agree_on_mistake, agreed, explained, gathered, merged
 from ddmpi.system.clock import Clock
@@ -387,7 +388,7 @@ def _of_answer(
         if entry is None:
             words = f"derivatives.{key}: not given, because {steps.derived[2].get(key, unsolved)}"
             warnings.append(Doubt(words, "derivatives", of=f"derivatives.{key}"))
-    return warnings
+    return warnings + ([] if world.rank else _doubt_split(steps.derived[0]))
 
 
 def _of_meshes(assembly: Assembly) -> list[str]:
@@ -398,6 +399,23 @@ def _of_meshes(assembly: Assembly) -> list[str]:
         thin[body.spec.name] = [doubt for doubt in doubts if doubt]
     of_all = gathered(assembly.world, thin)
     return [doubt for body in assembly.scene.body for doubt in of_all.get(body.name, ())]
+
+
+def _doubt_split(derived: Mapping[str, Entry | None]) -> list[str]:
+    """The warning of derivatives that depend on how contacts share the force at a node, if any."""
+    lost = {
+        contact: None
+        for entry in derived.values()
+        for contact, results in (entry or {"contacts": {}})["contacts"].items()
+        for _, value in flatten(results)
+        if value is None or (isinstance(value, list) and None in value)
+    }
+    if not lost:
+        return []
+    return [
+        f"derivatives: null in {', '.join(lost)} where they depend on how contacts share the force at a node that they "
+        "have in common: nothing but the sum of such forces is determined"
+    ]
 
 
 def _judge(

@@ -162,7 +162,7 @@ def numbers(summary: dict) -> dict[str, float]:
         if (
             isinstance(value, list)
             and len(value) <= 3
-            and all(isinstance(entry, float) for entry in value)
+            and all(entry is None or isinstance(entry, float) for entry in value)
         ):
             columns |= {
                 _along(name, axis): entry for axis, entry in zip("xyz", value, strict=False)

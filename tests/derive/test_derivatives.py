@@ -11,6 +11,7 @@ from differences import (
     TIGHT,
     changed,
     difference,
+    nulls,
     plain,
     results,
     ring,
@@ -24,7 +25,7 @@ from solid_scenes import two_boxes
 
 import ddmpi
 from ddmpi.coupling.assembly import prepare
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, SolverError
 from ddmpi.methods.outer import no_report
 from ddmpi.results.checkpoint import read, write
 from ddmpi.run.gather import StepLog
@@ -257,6 +258,59 @@ def test_a_gradient_by_the_gap_at_every_node():
     assert nodes.sum() == pytest.approx(gradient["contact.upper-lower.gap"], rel=1e-9)
     closed = answer.contacts["upper-lower"].status != "open"
     assert np.abs(nodes[closed]).min() > 0.0 and not nodes[~closed].any()
+
+
+def corner() -> dict:
+    """A block in a groove of two rigid planes: it sticks and slips on both, and they share its lowest node."""
+    turn = np.deg2rad(58.32)
+    along, across = np.array([np.cos(turn), np.sin(turn)]), np.array([-np.sin(turn), np.cos(turn)])
+    corners = [0.0 * along, along, along + 1.25 * across, 1.25 * across]
+    block = rectangle("v", (0.0, 0.0), (1.0, 1.25), (5, 4)) | {
+        "mesh": {
+            "shape": "quadrilateral",
+            "corners": [corner.tolist() for corner in corners],
+            "divisions": [5, 4],
+        },
+        "volume_force": [-1844.5, -1e5],
+    }
+    planes = [
+        FLOOR | {"name": name, "point": [0.0, 0.0], "normal": normal.tolist()}
+        for name, normal in (("p0", across), ("p1", along))
+    ]
+    contacts = [
+        {
+            "name": f"c{k}",
+            "bodies": ["v", f"p{k}"],
+            "on": [on],
+            "friction": COULOMB | {"coefficient": friction},
+        }
+        for k, (on, friction) in enumerate((("bottom", 0.196), ("left", 0.243)))
+    ]
+    return {"body": [block], "rigid": planes, "contact": contacts}
+
+
+def test_forces_that_contacts_share_at_a_node_have_no_derivatives():
+    """What depends on how contacts share the force at a node is null, with a warning; all else is as of differences."""
+    key = "body.v.volume_force.1"
+    answer = ddmpi.solve(with_derivatives(corner(), [key]), overrides=TIGHT)
+    entry = answer.summary["derivatives"][key]
+    assert sum("contacts share the force" in warning for warning in answer.summary["warnings"]) == 1
+    lost = {*nulls(entry["contacts"])}
+    assert {"c0.normal_force", "c1.normal_force"} <= lost
+    assert not lost & {"c0.moment", "c0.pressure_max", "c0.dissipated"}
+    assert difference(corner(), key, entry)[0] < CLOSE
+    assert np.isnan(answer.derivative(key).contacts.c0.normal_forces).sum() == 1
+    with pytest.raises(SolverError, match="only the sum is determined"):
+        answer.gradient("contacts.c0.normal_force")
+
+
+def test_a_node_that_sticks_to_two_partners_follows_neither():
+    """A partner that moves alone would tear the node that it shares: derivative and gradient say that there is none."""
+    key = "rigid.p0.displacement.0"
+    answer = ddmpi.solve(with_derivatives(corner(), [key]), overrides=TIGHT)
+    assert answer.summary["derivatives"][key] is None
+    gradient = answer.gradient("contacts.c0.moment")
+    assert gradient[key] is None and np.isfinite(gradient["body.v.volume_force.1"])
 
 
 def test_parts_of_a_body():

@@ -2636,6 +2636,27 @@ MUTANTS = [
             DIFFERENCES,
         ),
         (
+            "all forces at shared nodes have derivatives",
+            "methods/linear",
+            "if space.norm(y + more) <= UNIQUE * size:",
+            "if True:",
+            f"{DERIVED}::test_forces_that_contacts_share_at_a_node_have_no_derivatives",
+        ),
+        (
+            "what contacts share is determined as their sum is",
+            "derive/entries",
+            "np.abs(row) @ np.abs(unseen)",
+            "np.inf",
+            f"{DERIVED}::test_forces_that_contacts_share_at_a_node_have_no_derivatives",
+        ),
+        (
+            "gradients follow partners that a node sticks to",
+            "derive/gradient",
+            "barred = np.abs(works) > CLEAR * sizes",
+            "barred = np.abs(works) > np.inf",
+            f"{DERIVED}::test_a_node_that_sticks_to_two_partners_follows_neither",
+        ),
+        (
             "until is that of the last step alone",
             "derive/chain",
             'max(fall, since["until"][k, 0])',
