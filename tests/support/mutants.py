@@ -1940,8 +1940,8 @@ MUTANTS = [
         (
             "bodies without forces stay where a step left them",
             "run/least",
-            "outer.shift(way)",
-            "outer.shift(0.0 * way)",
+            "outer.shift(way, tolerance)",
+            "outer.shift(0.0 * way, tolerance)",
             f"{HELD}::test_an_unloaded_lid_lies_where_it_moves_least",
         ),
         (
