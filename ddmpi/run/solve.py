@@ -188,8 +188,8 @@ class Iteration:
         for body in assembly.bodies:
             body.member.restart()
         self.statuses = StatusLog(assembly.space)
-        self._coarse, self._bolts, self.held = (
-            True,
+        self.released, self._bolts, self.held = (
+            False,
             np.zeros(0, bool),
             Held(np.zeros((assembly.joint.rigid.size, 0))),
         )
@@ -222,7 +222,7 @@ class Iteration:
         """Hold the motions that nothing determines at the amplitudes that they have in α (rigid.size,). Collective."""
         stays, self._before = self.assembly.joint.stays, alpha
         if not np.array_equal(self._bolts, stays.bolts):
-            self.held, self._bolts = motions_to_hold(self.assembly, self._coarse), stays.bolts
+            self.held, self._bolts = motions_to_hold(self.assembly, not self.released), stays.bolts
         stays.hold(self.held.span, alpha)
 
     def begin(self) -> None:
@@ -250,7 +250,7 @@ class Iteration:
             "judged": self._judged,
             "stopped": self._stopped,
             "statuses": self.statuses.state(),
-            "coarse": self._coarse,
+            "released": self.released,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -260,8 +260,8 @@ class Iteration:
             state["stopped"],
         )
         self.statuses.restore(state["statuses"])
-        if not state["coarse"]:
-            self._release()
+        if state["released"]:
+            self.release()
         self._refine()
 
     def solve(
@@ -368,7 +368,7 @@ class Iteration:
                 driven = beyond_meshes(self.assembly, self.held, self._slight(SLIGHT))
             return held, driven or ""
         log.info("a motion that coarse elements hardly resist is driven by loads: it is not held")
-        self._release()
+        self.release()
         if isinstance(self.outer, Newton):
             steps = self.outer.history
             self.outer.begin()
@@ -376,10 +376,10 @@ class Iteration:
         self._stopped = ""
         return (), "released"
 
-    def _release(self) -> None:
+    def release(self) -> None:
         """Hold no longer the motions that coarse elements let hold. Collective."""
-        stays, self._coarse = self.assembly.joint.stays, False
-        self.held = motions_to_hold(self.assembly, self._coarse)
+        stays, self.released = self.assembly.joint.stays, True
+        self.held = motions_to_hold(self.assembly, coarse=False)
         stays.hold(self.held.span, stays.at)
 
     def _refine(self) -> None:
