@@ -51,7 +51,7 @@ COMPLEX = {
     "run/report:log_plan": 23,
     "run/run:compute": 21,
     "run/solve:Iteration.conclude": 18,
-    "run/solve:Iteration.solve": 19,
+    "run/solve:Iteration.solve": 17,
     "run/steps:March._refine": 16,
     "scene/contacts:RigidSurface.__post_init__": 16,
     "scene/scene:Scene.__post_init__": 24,

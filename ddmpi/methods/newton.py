@@ -499,17 +499,23 @@ class Newton(Outer):
         """(size,) the gaps under the present forces (m)."""
         return self._at.r
 
-    def negligible(self, fraction: float) -> float:
-        """This fraction of the largest force, or of the least size that forces are compared with (N). Collective."""
-        least = fraction / NO_FORCE * self._least_size
-        return max(fraction * self.space.largest(self._at.s), least)
+    def negligible(self, fraction: float, tolerance: float) -> float:
+        """This fraction of the largest force, or what the `tolerance` allows forces that are smaller than the least
+        size to be wrong (N). Collective.
 
-    def shift(self, way: np.ndarray) -> None:
-        """Move the bodies on by the motions `way` (rigid.size,), which no force resists. Collective."""
+        Forces that would close the gaps themselves tell nothing: stiff bodies far apart have small forces beside them.
+        """
+        return max(fraction * self.space.largest(self._at.s), tolerance * self._least_size)
+
+    def shift(self, way: np.ndarray, tolerance: float) -> None:
+        """Move the bodies on by the motions `way` (rigid.size,), which no force resists; stay where the equations would
+        hold neither to the `tolerance` nor as well as before. Collective."""
         s, r, alpha, _ = self._at
         alpha = alpha + way
-        r = r - self.joint.rigid.spread(way)
-        self._at, self._misfit = Point(s, r, alpha, self.joint.imbalance(s, alpha)), None
+        moved = Point(s, r - self.joint.rigid.spread(way), alpha, self.joint.imbalance(s, alpha))
+        before, after = self._misfits([self._at, moved])
+        if after <= max(before, tolerance * self._size()):
+            self._at, self._misfit = moved, None
 
     def refresh(self, u: list[np.ndarray]) -> None:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""

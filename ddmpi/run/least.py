@@ -19,7 +19,7 @@ from ddmpi.run.held import islands
 from ddmpi.system.agreement import from_first, gathered
 
 NO_FORCE = 1e-9
-"""Nodes bear a force above this fraction of the largest, or of those that would close all gaps of half-spaces."""
+"""Nodes bear a force above this fraction of the largest, and above what the tolerance allows forces to be wrong."""
 
 UNCHANGED = 1e-6
 """Motions that change the gaps of nodes that bear by less than this fraction of themselves leave them as they are."""
@@ -31,16 +31,16 @@ AT_ONCE, MOST = 50, 100
 """Open nodes that are added in a round, the nearest ones, and most rounds."""
 
 
-def least_motion(assembly: Assembly, outer: Newton, before: np.ndarray) -> None:
+def least_motion(assembly: Assembly, outer: Newton, before: np.ndarray, tolerance: float) -> None:
     """Move loose bodies, without a change of the forces of `outer`, to the motions nearest to those `before`
-    (rigid.size,) in metres. Collective."""
+    (rigid.size,) in metres, if the equations hold there to the `tolerance` too. Collective."""
     joint, size = assembly.joint, assembly.joint.rigid.size
     if not assembly.loose:
         return
     free = ~joint.stays.bolts
     for partner in joint.driven:
         free[joint.slices[partner.name]] = False
-    bears, opens = _rows(assembly, outer)
+    bears, opens = _rows(assembly, outer, tolerance)
     bearing = gathered(assembly.world, bears)
 
     def find() -> list[tuple[np.ndarray, np.ndarray]]:
@@ -71,15 +71,15 @@ def least_motion(assembly: Assembly, outer: Newton, before: np.ndarray) -> None:
 
     way = from_first(assembly.world, choose)
     if np.abs(way).max() > CLOSER * max(np.abs(outer.motions).max(), np.abs(before).max()):
-        outer.shift(way)
+        outer.shift(way, tolerance)
 
 
-def _rows(assembly: Assembly, outer: Newton) -> tuple[dict, dict]:
+def _rows(assembly: Assembly, outer: Newton, tolerance: float) -> tuple[dict, dict]:
     """By contact of this rank: the number of its nodes, the numbers (c,) of motions, and the triangle R (c, c) of
     how they move along these forces; and for open nodes their displacements (k, c) by motions, and gaps (k,). Not
     collective."""
     joint, space, bears, opens = assembly.joint, assembly.space, {}, {}
-    s, r, nothing = outer.forces, outer.gaps, outer.negligible(NO_FORCE)
+    s, r, nothing = outer.forces, outer.gaps, outer.negligible(NO_FORCE, tolerance)
     for interface, (part, numbers, block) in zip(space.interfaces, joint.rigid.blocks, strict=True):
         law, forces = interface.law, s[part]
         closed = (forces[: law.m] > nothing) | law.two_sided

@@ -188,8 +188,8 @@ class Iteration:
         for body in assembly.bodies:
             body.member.restart()
         self.statuses = StatusLog(assembly.space)
-        self._coarse, self._bolts, self.held = (
-            True,
+        self.released, self._bolts, self.held = (
+            False,
             np.zeros(0, bool),
             Held(np.zeros((assembly.joint.rigid.size, 0))),
         )
@@ -222,7 +222,7 @@ class Iteration:
         """Hold the motions that nothing determines at the amplitudes that they have in α (rigid.size,). Collective."""
         stays, self._before = self.assembly.joint.stays, alpha
         if not np.array_equal(self._bolts, stays.bolts):
-            self.held, self._bolts = motions_to_hold(self.assembly, self._coarse), stays.bolts
+            self.held, self._bolts = motions_to_hold(self.assembly, not self.released), stays.bolts
         stays.hold(self.held.span, alpha)
 
     def begin(self) -> None:
@@ -250,6 +250,7 @@ class Iteration:
             "judged": self._judged,
             "stopped": self._stopped,
             "statuses": self.statuses.state(),
+            "released": self.released,
         }
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -259,6 +260,8 @@ class Iteration:
             state["stopped"],
         )
         self.statuses.restore(state["statuses"])
+        if state["released"]:
+            self.release()
         self._refine()
 
     def solve(
@@ -285,11 +288,7 @@ class Iteration:
         while True:
             try:
                 with self.clock.phase("outer"):
-                    stopped = (
-                        "mechanism"
-                        if mechanism
-                        else self._stopped or self._kept(outer.run(self._tolerance))
-                    )
+                    stopped = "mechanism" if mechanism else self._stopped or self._iterated()
             except SolverError as error:
                 if self.given > method.tolerance:
                     error.args = (
@@ -297,8 +296,6 @@ class Iteration:
                         f"{method.tolerance:g}: leave that option out",
                     )
                 raise
-            if stopped == "converged" and isinstance(outer, Newton):
-                least_motion(assembly, outer, self._before)
             self._stopped = stopped
             self._note()  # results follow from here, whatever prevents them from being written
             with self.clock.phase("recover"):
@@ -333,6 +330,14 @@ class Iteration:
                 self._tolerance,
             )
 
+    def _iterated(self) -> str:
+        """Why the outer method has ended, which a checkpoint keeps together with the least motion. Collective."""
+        outer = self.outer
+        stopped = self._kept(outer.run(self._tolerance))
+        if stopped == "converged" and isinstance(outer, Newton):
+            least_motion(self.assembly, outer, self._before, self._tolerance)
+        return stopped
+
     def _concluded(
         self,
         stopped: str,
@@ -363,16 +368,19 @@ class Iteration:
                 driven = beyond_meshes(self.assembly, self.held, self._slight(SLIGHT))
             return held, driven or ""
         log.info("a motion that coarse elements hardly resist is driven by loads: it is not held")
-        joint = self.assembly.joint
-        self._coarse = False
-        self.held = motions_to_hold(self.assembly, self._coarse)
-        joint.stays.hold(self.held.span, joint.stays.at)
+        self.release()
         if isinstance(self.outer, Newton):
             steps = self.outer.history
             self.outer.begin()
             self.outer.history = steps
         self._stopped = ""
         return (), "released"
+
+    def release(self) -> None:
+        """Hold no longer the motions that coarse elements let hold. Collective."""
+        stays, self.released = self.assembly.joint.stays, True
+        self.held = motions_to_hold(self.assembly, coarse=False)
+        stays.hold(self.held.span, stays.at)
 
     def _refine(self) -> None:
         """From a certificate that fails on, let the gaps be those of the bodies to the precision of solves, as in the

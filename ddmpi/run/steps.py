@@ -532,6 +532,7 @@ class March:
             {name: getattr(self, name) for name in KEPT}
             | {name: asdict(getattr(self, name)) for name in MARKS}
             | {"ahead": tuple(self._ahead), "log": self.log.state()}
+            | {"released": self.iteration.released}
         )
 
     def restore(self, state: dict[str, Any]) -> None:
@@ -541,4 +542,6 @@ class March:
             | {name: self._recalled(state[name]) for name in MARKS}
         )
         self._ahead, self._safe = list(state["ahead"]), None
+        if state["released"]:
+            self.iteration.release()
         self.log.restore(state["log"])

@@ -16,6 +16,7 @@ from ddmpi.coupling.assembly import prepare
 from ddmpi.coupling.joint import Point
 from ddmpi.methods import newton
 from ddmpi.methods.paths import InteriorPoints, Softening
+from ddmpi.run.solve import solve
 from ddmpi.scene.reader import read_scene
 
 pytestmark = pytest.mark.slow
@@ -402,3 +403,15 @@ def test_bodies_on_their_way_to_a_contact_do_not_drift(way, ending, monkeypatch)
     monkeypatch.setattr(newton, "PATIENCE", 0)
     monkeypatch.setattr(Stuck, "way", way)
     assert newton.Newton(joint, 100).run(1e-8) == ending
+
+
+def test_small_forces_of_stiff_bodies_hold_them():
+    """Beside forces that would close all gaps these are nothing, and yet no body is moved off its contacts."""
+    assembly = scenes.prepare_scene(MPI.COMM_SELF, slot(1e4))
+    solution = solve(assembly, assembly.scene.method)
+    outer, alpha = solution.outer, solution.outer.motions
+    assert outer.negligible(1e-9, 1e-8) < 1e-2 * outer.forces[outer.forces > 0.0].min()
+    way = np.zeros(len(alpha))
+    way[assembly.joint.slices["upper"]] = 1e-4
+    outer.shift(way, 1e-8)
+    assert np.array_equal(outer.motions, alpha)

@@ -377,6 +377,43 @@ def test_results_that_cannot_be_written_leave_a_checkpoint(
 
 
 @two_ranks
+def test_motions_that_loads_drive_stay_released(comm, shared, monkeypatch):
+    """Going on from the end takes no iteration, also where the run held motions at first."""
+    monkeypatch.setattr(ddmpi.run.held, "RESISTED", 1e-9)
+    monkeypatch.setattr(ddmpi.run.held, "WORST", 0.0)
+    rings = [("shaft", [0.0, -0.05], [4.0, 10.0], 40), ("bush", [0.0, 0.0], [10.05, 20.0], 46)]
+    shaft, bush = (
+        {
+            "name": name,
+            "mesh": {
+                "shape": "annulus",
+                "center": centre,
+                "radii": radii,
+                "angles": [0.0, 360.0],
+                "divisions": [around, 3],
+            },
+            "material": {"young": 2.1e5, "poisson": 0.3},
+        }
+        for name, centre, radii, around in rings
+    )
+    scene = {
+        "body": [shaft | {"volume_force": [1.0, -3.0]}, bush | {"clamp": ["outer"]}],
+        "contact": [{"bodies": ["shaft", "bush"], "on": ["outer", "inner"]}],
+        "method": {},
+    }
+    reference = run(comm, scene, shared)
+    assembly, checkpoints = start(comm, scene, shared)
+    with pytest.raises(OutputError), checkpoints.kept():
+        solve(assembly, assembly.scene.method, checkpoints=checkpoints)
+        error = OutputError("the disk is full")
+        error.agreed = True
+        raise error
+    assert checkpoints._now["iteration"]["released"]
+    monkeypatch.setattr(Newton, "_iterate", None)
+    assert run(comm, scene, shared, restart=True)["arrays"] == reference["arrays"]
+
+
+@two_ranks
 def test_another_mesh_is_refused_on_both_ranks(comm, shared, monkeypatch):
     """The scene names a mesh file; what is in the file may have changed."""
     scene = pinched_blocks(2, **RELAXATION)

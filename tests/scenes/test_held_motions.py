@@ -5,11 +5,14 @@ import re
 import numpy as np
 import pytest
 import scipy.sparse as sparse
+from restarts import go_on_from_checkpoints
 from scenes import certified, rectangle
 
 import ddmpi
 from ddmpi.body.rigid_motions import Centring
+from ddmpi.run import held
 from ddmpi.run.least import nearest
+from ddmpi.run.solve import Iteration
 
 STEEL = {"young": 2.1e5, "poisson": 0.3}
 TURN = "shaft can turn counterclockwise about (0, 0) without any force"
@@ -229,3 +232,20 @@ def test_a_faint_motion_is_balanced_by_loads():
     assert centring.faint == pytest.approx(1e-5 * np.ones((1, 6)), rel=1e-3, abs=0.0) or (
         centring.faint == pytest.approx(-1e-5 * np.ones((1, 6)), rel=1e-3, abs=0.0)
     )
+
+
+@pytest.mark.slow
+def test_a_released_motion_stays_released_after_a_restart(tmp_path, monkeypatch):
+    """A run that goes on does not hold again what loads have driven; its steps take as many iterations."""
+    monkeypatch.setattr(held, "RESISTED", 1e-9)
+    monkeypatch.setattr(held, "WORST", 0.0)
+    scene = shaft((40, 46), [1.0, -3.0], 1) | {
+        "time": {"points": [1.0], "steps": 4},
+        "checkpoint": {"iterations": 1},
+        "output": {"steps": "all", "stress": False},
+    }
+    released = []
+    release = Iteration.release
+    monkeypatch.setattr(Iteration, "release", lambda self: released.append(release(self)))
+    go_on_from_checkpoints(scene, tmp_path, slice(0, 2))
+    assert released

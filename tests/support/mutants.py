@@ -1940,9 +1940,30 @@ MUTANTS = [
         (
             "bodies without forces stay where a step left them",
             "run/least",
-            "outer.shift(way)",
-            "outer.shift(0.0 * way)",
+            "outer.shift(way, tolerance)",
+            "outer.shift(0.0 * way, tolerance)",
             f"{HELD}::test_an_unloaded_lid_lies_where_it_moves_least",
+        ),
+        (
+            "small forces of stiff bodies are forces",
+            "methods/newton",
+            "tolerance * self._least_size)",
+            "1e-3 * self._least_size)",
+            "tests/methods/test_paths.py::test_small_forces_of_stiff_bodies_hold_them",
+        ),
+        (
+            "no body moves to where the equations do not hold",
+            "methods/newton",
+            "if after <= max(before, tolerance * self._size()):",
+            "if True:",
+            "tests/methods/test_paths.py::test_small_forces_of_stiff_bodies_hold_them",
+        ),
+        (
+            "a restart between load steps holds no released motion",
+            "run/steps",
+            "if state['released']:",
+            "if False:",
+            f"{HELD}::test_a_released_motion_stays_released_after_a_restart",
         ),
         (
             "a load along a held motion has a derivative",
