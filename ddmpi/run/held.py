@@ -93,18 +93,20 @@ class HeldMotion(NamedTuple):
 
 @dataclass(frozen=True)
 class Held:
-    """The motions to hold, the same on all ranks.
+    """The motions to hold: basis and coarse are the same on all ranks.
 
     Attributes
     ----------
     basis : (rigid.size, q) the motions, each with an entry 1 where the others have zeros
     coarse : (q,) bool, which of them only coarse linear elements let hold
-    bodies : all that are loose and all that are driven, in the order of their motions
+    bodies : on the first rank all that are loose and all that are driven, in the order of their motions
+    near : those of them that move a side of a contact of this rank, in the same order
     """
 
     basis: np.ndarray
     coarse: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
     bodies: Sequence[MotionsOfBody] = ()
+    near: Sequence[MotionsOfBody] = ()
 
     @property
     def span(self) -> np.ndarray:
@@ -125,12 +127,13 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
         assembly.world, lambda: bool(islands(resisting, size, joint.stays.bolts, FAINT))
     ):
         return none
-    bodies = assembly.world.bcast(with_partners(assembly))
+    bodies = with_partners(assembly)
+    near = _near(assembly, bodies)
     past = {}
     for interface, (_, numbers, _) in zip(
         assembly.space.interfaces, joint.rigid.blocks, strict=True
     ):
-        D = _past(assembly, interface, bodies)[:, :, numbers]
+        D = _past(assembly, interface, near)[:, :, numbers]
         D = D.reshape(interface.m * interface.dimension, len(numbers))
         past[interface.name] = len(D), numbers, D.T @ D
     moving = gathered(assembly.world, past)
@@ -152,7 +155,29 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
         return np.hstack(chosen), np.concatenate(levels)
 
     basis, level = from_first(assembly.world, choose)
-    return Held(basis, level, bodies) if basis.size else none
+    return (
+        Held(basis, level, bodies if assembly.world.rank == 0 else (), near) if basis.size else none
+    )
+
+
+def _near(assembly: Assembly, bodies: Sequence[MotionsOfBody]) -> list[MotionsOfBody]:
+    """Those of all `bodies`, which the first rank has, that move a side of a contact of this rank. Collective."""
+    world = assembly.world
+    wanted = {
+        name for interface in assembly.space.interfaces for name in _movers(assembly, interface)
+    }
+    of_ranks = world.gather(wanted)
+    return world.scatter(
+        None
+        if of_ranks is None
+        else [[body for body in bodies if body.name in names] for names in of_ranks]
+    )
+
+
+def _movers(assembly: Assembly, interface: Interface) -> set[str]:
+    """The names of the bodies and driven partners of a contact. Not collective."""
+    driven = assembly.joint.driven
+    return {*interface.bodies, *(each.name for each in driven if each.acts_on(interface))}
 
 
 def _forces(assembly: Assembly) -> list[tuple[str, np.ndarray, np.ndarray]]:
@@ -187,11 +212,11 @@ def _sides(
 ) -> list[tuple[MotionsOfBody, float]]:
     """The bodies and driven partners that move the sides of a contact, with 1 for the first side and −1 for the second.
     Not collective."""
-    seconds = {partner.name for partner in assembly.joint.driven if partner.acts_on(interface)}
+    movers = _movers(assembly, interface)
     return [
         (body, 1.0 if body.name == interface.bodies[0] else -1.0)
         for body in bodies
-        if body.name in {*interface.bodies, *seconds}
+        if body.name in movers
     ]
 
 
@@ -282,36 +307,42 @@ def judge_held(
     basis = np.column_stack([held.basis, left / size if size else left])
     coarse = np.append(held.coarse, held.coarse.any())
     error = np.where(coarse, WORST * COARSE, RESISTED)
-    levers, passing = _borne(assembly, held.bodies, basis, outer.forces)
+    levers, passing = _borne(assembly, held.near, basis, outer.forces)
     bounds = levers + error * passing
     joint.stays.share = float(
         (bounds[passing > 0.0] / passing[passing > 0.0]).max(initial=RESISTED)
     )
-    loads, moved = loads_of_loose(assembly), []
-    for k, motion in enumerate(basis.T):
-        velocities = np.array(
-            [body.basis @ motion[joint.slices[body.name]] for body in held.bodies]
+    loads = loads_of_loose(assembly)
+
+    def judge() -> tuple[list[HeldMotion], Mechanism | None, bool]:
+        moved = []
+        for k, motion in enumerate(basis.T):
+            velocities = np.array(
+                [body.basis @ motion[joint.slices[body.name]] for body in held.bodies]
+            )
+            bound = float(bounds[k] + IMBALANCE * _speeds(held, velocities) @ loads)
+            load = float(left @ motion)
+            moved.append(_told(held, np.copysign(1.0, load) * velocities, abs(load), bound, k))
+        driven = [k for k, motion in enumerate(moved) if motion.moment > motion.bound]
+        told = moved[: held.basis.shape[1]]
+        if not driven or coarse[driven[0]]:
+            return told, None, bool(driven)
+        worst = moved[driven[0]]
+        speeds = _speeds(held, worst.velocities)
+        mechanism = Mechanism(
+            tuple(held.bodies),
+            worst.velocities / speeds.max(),
+            worst.moment * worst.unit / float((speeds * loads).max() or 1.0),
+            _because(worst, assembly.scene.units),
         )
-        speeds = np.array([body.speed(v) for body, v in zip(held.bodies, velocities, strict=True)])
-        bound, load = float(bounds[k] + IMBALANCE * speeds @ loads), float(left @ motion)
-        moved.append(_told(held, np.copysign(1.0, load) * velocities, abs(load), bound, k))
-    driven = [k for k, motion in enumerate(moved) if motion.moment > motion.bound]
-    told = moved[: held.basis.shape[1]]
-    if driven and coarse[driven[0]]:
-        return told, None, True
-    if not driven:
-        return told, None, False
-    worst = moved[driven[0]]
-    speeds = np.array(
-        [body.speed(v) for body, v in zip(held.bodies, worst.velocities, strict=True)]
-    )
-    mechanism = Mechanism(
-        tuple(held.bodies),
-        worst.velocities / speeds.max(),
-        worst.moment * worst.unit / float((speeds * loads).max() or 1.0),
-        _because(worst, assembly.scene.units),
-    )
-    return told, mechanism, False
+        return told, mechanism, False
+
+    return from_first(assembly.world, judge)
+
+
+def _speeds(held: Held, velocities: np.ndarray) -> np.ndarray:
+    """(nb,) the most speed of each body with these `velocities` (nb, n). Only on the first rank."""
+    return np.array([body.speed(v) for body, v in zip(held.bodies, velocities, strict=True)])
 
 
 def slides(held: Sequence[HeldMotion]) -> bool:
