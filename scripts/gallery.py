@@ -52,7 +52,8 @@ class Check:
     settings : what makes the run of the test cheaper
     picture : the file of the run that the page shows
     refused : words of the reason, where the run ends without an answer
-    warned : words of each warning of the run, in their order; those of one kind are one warning, of the worst
+    warned : words of each warning of the run, in their order; those of one kind are one warning, of the worst;
+        … stands for anything
     """
 
     measure: Callable[[dict], float]
@@ -92,7 +93,8 @@ class Exhibit(Check):
             raise ValueError(f"{self.scene}: {summary['reason']}")
         given = summary["warnings"]
         expected = len(given) == len(self.warned) and all(
-            words in each for words, each in zip(self.warned, given, strict=True)
+            all(part in each for part in words.split(" … "))
+            for words, each in zip(self.warned, given, strict=True)
         )
         if not expected:
             raise ValueError(f"{self.scene}: {given}")
@@ -171,8 +173,8 @@ CHECKS = {
         contact("punch-base", "tangential_force"),
         1e-3,
         warned=(
-            "is at a sharp corner of punch in contact at (10, 0)",
-            "is at a sharp corner of punch in contact at (-10, 0)",
+            "contact.punch-base: the largest pressure … is at a sharp corner of punch in contact at (10, 0)",
+            "body.punch: the largest von Mises stress … is at a sharp corner of punch in contact at (-10, 0)",
         ),
     ),
     "roller": Check(contact("cylinder-block", "pressure_max"), 0.01),
@@ -182,8 +184,8 @@ CHECKS = {
         1e-5,
         {"method.target_error": 0.1},
         warned=(
-            "is at a sharp corner of root in contact at (12, 4)",
-            "is at a sharp corner of root in contact at (12, 4)",
+            "contact.root-disc: the largest pressure … is at a sharp corner of root in contact at (12, 4)",
+            "body.root: the largest von Mises stress … is at a sharp corner of root in contact at (12, 4)",
         ),
     ),
     "wedge_in_slot": Check(
@@ -191,8 +193,8 @@ CHECKS = {
         1e-4,
         {"method.target_error": 0.1},
         warned=(
-            "is at a sharp corner of wedge in contact at (-5, 0)",
-            "is at a sharp corner of wedge in contact at (-5, 0)",
+            "contact.left: the largest pressure … is at a sharp corner of wedge in contact at (-5, 0)",
+            "body.wedge: the largest von Mises stress … is at a sharp corner of wedge in contact at (-5, 0)",
         ),
     ),
     "shrink_fit": Check(contact("fit", "moment", factor=-1e-3), 1e-3, ONE, "steps.png"),
@@ -204,8 +206,8 @@ CHECKS = {
         contact("wedge-block", "force", 0, -1.0),
         1e-4,
         warned=(
-            "is at a sharp corner of wedge in contact at (0, 60)",
-            "is at a sharp corner of wedge in contact at (0, 0)",
+            "contact.wedge-block: the largest pressure … is at a sharp corner of wedge in contact at (0, 60)",
+            "body.wedge: the largest von Mises stress … is at a sharp corner of wedge in contact at (0, 0)",
         ),
     ),
     "heated_bush": Check(lambda summary: summary["bodies"]["bush"]["displacement_max"], 1e-3, ONE),
@@ -218,8 +220,8 @@ CHECKS = {
         1e-9,
         {"time.steps": 8},
         warned=(
-            "is at a sharp corner of block in contact at (130, 0)",
-            "is at a sharp corner of block in contact at (130, -0.02)",
+            "contact.guide: the largest pressure … is at a sharp corner of block in contact at (130, 0)",
+            "body.block: the largest von Mises stress … is at a sharp corner of block in contact at (130, -0.02)",
         ),
     ),
     "rolling_wheel": Check(contact("tread", "force", 1), 1e-9, {"time.steps": 4}),
@@ -235,7 +237,7 @@ CHECKS = {
         1e-5,
         ONE,
         "steps.png",
-        warned=("is at the end of the bond at (0, 0.2)",),
+        warned=("body.band: the largest von Mises stress … is at the end of the bond at (0, 0.2)",),
     ),
     "wall": Check(floor_resultant, 1e-4, picture="contacts.png"),
     "arch": Check(
@@ -257,15 +259,17 @@ CHECKS = {
         bolt_over_joint,
         1e-6,
         ONE | {"body.bolt.mesh.contact_size": 0.8},
-        warned=("is at a sharp corner of bolt in contact at (8.5, -10)",),
+        warned=(
+            "contact.nut: the largest pressure … is at a sharp corner of bolt in contact at (8.5, -10)",
+        ),
     ),
     "tightened_bolt": Check(
         lambda summary: 1e-3 * at(summary, 1.0)["under-head"]["force"][1],
         1e-6,
         ONE,
         warned=(
-            "is at a sharp corner of head in contact at (",
-            "is at a sharp corner of lower in contact at (5.5, -10)",
+            "contact.under-head: the largest pressure … is at a sharp corner of head in contact at (",
+            "body.nut: the largest von Mises stress … is at a sharp corner of lower in contact at (5.5, -10)",
         ),
     ),
     "pushed_pin": Check(
@@ -277,8 +281,8 @@ CHECKS = {
         5e-3,
         ONE,
         warned=(
-            "is at a sharp edge of bolt in contact at (",
-            "is at a re-entrant edge at (",
+            "contact.head: the largest pressure … is at a sharp edge of bolt in contact at (",
+            "body.bolt: the largest von Mises stress … is at a re-entrant edge at (",
         ),
     ),
     "shaft_turned_in_hub": Check(
@@ -286,8 +290,8 @@ CHECKS = {
         0.025,
         ONE,
         warned=(
-            "is at a sharp edge of hub in contact at (",
-            "is at a sharp edge of hub in contact at (",
+            "contact.fit: the largest pressure … is at a sharp edge of hub in contact at (",
+            "body.hub: the largest von Mises stress … is at a sharp edge of hub in contact at (",
         ),
     ),
     "arch_in_space": Check(lambda summary: 1e-3 * total(summary, ("v1-left", "v7-right"), 2), 1e-4),
@@ -301,9 +305,9 @@ CHECKS = {
             "output.animation": False,
         },
         warned=(
-            "is at a sharp edge of driven in contact at (",
+            "contact.face: the largest pressure … is at a sharp edge of driven in contact at (",
             "linear elements make it too stiff",
-            "is at a sharp edge of driven in contact at (",
+            "body.driving: the largest von Mises stress … is at a sharp edge of driven in contact at (",
         ),
     ),
 }
