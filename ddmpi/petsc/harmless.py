@@ -60,7 +60,7 @@ SETTING = "|".join(
             hypre_boomeramg_(outer_relax_weight_(all|level)|relax_type_(all|coarse|down|up)|relax_weight_(all|level))
             hypre_boomeramg_(smooth_num_levels|smooth_type|truncfactor|vec_interp_(qmax|smooth|variant))
             fieldsplit_(block_size|type) svd_(ess_rank|zero_sing)""",
-        "mat": r"""mumps_cntl_[1-57] mumps_icntl_([4678]|1[0-5]|2[2-4]|2[7-9]|3[5-8]|40|48|49|5[68])
+        "mat": r"""mumps_cntl_[1-57] mumps_icntl_([4678]|1[0-5]|2[34]|2[7-9]|3[5-8]|40|48|49|5[68])
             mumps_use_omp_threads
             cholmod_(dbound|default_nesdis|factor|final_(asis|ll|monotonic|pack|resymbol|super)|grow[012])
             cholmod_(maxrank|nmethods|nrelax|prefer_upper|supernodal_switch|zrelax)
@@ -83,8 +83,8 @@ SETTING = "|".join(
     }.items()
 )
 """Options with numbers, choices and truth values. Of MUMPS's, those that leave the problem and its output as they are:
-icntl 1 to 3 are the numbers of Fortran's files, 5 and 18 to 21, 25, 26 and 30 to 33 ask for something else than a
-solve."""
+icntl 1 to 3 are the numbers of Fortran's files, 22 writes factors to files, 5 and 18 to 21, 25, 26 and 30 to 33 ask for
+something else than a solve."""
 
 KINDS = {
     "prints": re.compile(f"{SOLVERS}{WITHIN}({PRINTING})", re.ASCII),

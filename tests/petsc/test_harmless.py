@@ -56,7 +56,7 @@ for tao_type in each(PETSc.TAO.Type):
 
 REACHING = re.compile(
     "view_|_view.*_mat|draw|plot|binary|matlab|python|debug|dump|file|dir|log|history|info|trace|socket|port|saws|lib|"
-    "append|prefix|push|pop|option|yaml|error_on|exec|server|print|check|test|_icntl_([1-359]|18|19|2[01569]|3[0-4])$"
+    "append|prefix|push|pop|option|yaml|error_on|exec|server|print|check|test|_icntl_([1-359]|18|19|2[012569]|3[0-4])$"
 )
 """Parts of names of options that reach beyond a run, or may."""
 
