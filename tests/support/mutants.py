@@ -1949,14 +1949,14 @@ MUTANTS = [
             "methods/newton",
             "tolerance * self._least_size)",
             "1e-3 * self._least_size)",
-            "tests/methods/test_paths.py::test_small_forces_of_stiff_bodies_hold_them",
+            "methods/test_paths.py::test_small_forces_of_stiff_bodies_hold_them",
         ),
         (
             "no body moves to where the equations do not hold",
             "methods/newton",
             "if after <= max(before, tolerance * self._size()):",
             "if True:",
-            "tests/methods/test_paths.py::test_small_forces_of_stiff_bodies_hold_them",
+            "methods/test_paths.py::test_small_forces_of_stiff_bodies_hold_them",
         ),
         (
             "a restart between load steps holds no released motion",
@@ -2786,8 +2786,8 @@ MUTANTS = [
         (
             "an answer that is kept is looked for again",
             "run/solve",
-            "self._stopped or self._kept(",
-            "self._kept(",
+            "self._stopped or self._iterated()",
+            "self._iterated()",
             "results/test_checkpoint.py::test_results_that_cannot_be_written_leave_a_checkpoint",
         ),
         (
