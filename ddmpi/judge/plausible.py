@@ -161,9 +161,9 @@ def doubt_answer(
         ]
         # What contacts that carry next to nothing say of their forces is noise.
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= LIMIT["idle"] * pressed:
-            warnings += [
-                *_lost_in_rounding(state, largest, units),
-                *(_few_nodes(state) if assembly.far else _unresolved_zone(state)),
+            # nor does a finer mesh resolve pressures that are rounding
+            warnings += [*_lost_in_rounding(state, largest, units)] or [
+                *(_few_nodes(state) if assembly.far else _unresolved_zone(state))
             ]
         if warnings:
             by_contact[interface.name] = warnings
