@@ -161,10 +161,7 @@ def doubt_answer(
         ]
         # What contacts that carry next to nothing say of their forces is noise.
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= LIMIT["idle"] * pressed:
-            # nor does a finer mesh resolve pressures that are rounding
-            warnings += [*_lost_in_rounding(state, largest, units)] or [
-                *(_few_nodes(state) if assembly.far else _unresolved_zone(state))
-            ]
+            warnings += _of_forces(assembly, state, largest)
         if warnings:
             by_contact[interface.name] = warnings
     by_contact = gathered(world, by_contact)
@@ -405,6 +402,13 @@ def _singular(
                 )
             ]
     return []
+
+
+def _of_forces(assembly: Assembly, state: ContactState, moved: float) -> list[str]:
+    """Warnings of forces that rounding of displacements up to `moved` (m) decides, else of pressures on too few nodes: a
+    finer mesh resolves no rounding."""
+    rounding = [*_lost_in_rounding(state, moved, assembly.scene.units)]
+    return rounding or [*(_few_nodes(state) if assembly.far else _unresolved_zone(state))]
 
 
 def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str]) -> Iterator[str]:

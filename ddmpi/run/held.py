@@ -138,7 +138,7 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
         past[interface.name] = len(D), numbers, D.T @ D
     moving = gathered(assembly.world, past)
 
-    def choose() -> tuple[np.ndarray, np.ndarray]:
+    def choose() -> tuple[np.ndarray, list[bool]] | None:
         F, D = (_summed(parts, size) for parts in (resisting, moving))
         chosen, levels = [np.zeros((size, 0))], [np.zeros(0, bool)]
         for members in islands(resisting, size, joint.stays.bolts, FAINT):
@@ -152,26 +152,35 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
             placed[members] = vectors
             chosen.append(placed)
             levels.append(level)
-        return np.hstack(chosen), np.concatenate(levels)
+        basis = np.hstack(chosen)
+        return (basis, np.concatenate(levels).tolist()) if basis.size else None
 
-    basis, level = from_first(assembly.world, choose)
-    return (
-        Held(basis, level, bodies if assembly.world.rank == 0 else (), near) if basis.size else none
-    )
+    found = from_first(assembly.world, choose)
+    if found is None:
+        return none
+    basis, level = found
+    return Held(basis, np.array(level, bool), () if assembly.world.rank else bodies, near)
 
 
 def _near(assembly: Assembly, bodies: Sequence[MotionsOfBody]) -> list[MotionsOfBody]:
-    """Those of all `bodies`, which the first rank has, that move a side of a contact of this rank. Collective."""
-    world = assembly.world
-    wanted = {
-        name for interface in assembly.space.interfaces for name in _movers(assembly, interface)
-    }
-    of_ranks = world.gather(wanted)
-    return world.scatter(
-        None
-        if of_ranks is None
-        else [[body for body in bodies if body.name in names] for names in of_ranks]
+    """Those of all `bodies`, which the first rank has, that move a side of a contact of this rank; centres and bases
+    alone are sent, without outlines. Collective."""
+    world, slices, none = assembly.world, assembly.joint.slices, np.zeros((0, 0))
+    wanted = sorted(
+        {name for interface in assembly.space.interfaces for name in _movers(assembly, interface)}
+        & {name for name, at in slices.items() if at.stop > at.start}
     )
+    of_ranks = world.gather(wanted) or []
+    known = {body.name: np.append(body.centre, body.basis).tobytes() for body in bodies}
+    told = world.scatter([b"".join(known[name] for name in names) for names in of_ranks] or None)
+    numbers, near, d = np.frombuffer(told), list[MotionsOfBody](), assembly.scene.dimension
+    for name in wanted:
+        columns = slices[name].stop - slices[name].start
+        size = d + (d + d * (d - 1) // 2) * columns  # a velocity, and turns about the axes
+        of_body, numbers = np.split(numbers, [size])
+        basis = of_body[d:].reshape(-1, columns)
+        near.append(MotionsOfBody(name, of_body[:d], 0.0, none, basis, none))
+    return near
 
 
 def _movers(assembly: Assembly, interface: Interface) -> set[str]:
