@@ -131,7 +131,7 @@ class Newton(Outer):
         """Begin a load step, for the present loads of the joint. Collective.
 
         The first step takes the nodes under pressure as closed and sticking, which is right at a reversal, where starts
-        with slipping nodes cycle; without forces, the nodes of `Joint.first_closed`.
+        with slipping nodes cycle; without forces, the nodes of `Joint.first_closed`, see `_first_guess`.
 
         Parameters
         ----------
@@ -147,12 +147,13 @@ class Newton(Outer):
             self._at = Point(s, r, alpha, joint.imbalance(s, alpha))
         else:
             self._at = joint.at_rest()
+        self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
+        self._before = self._norm()
         self._warm = warm is not None and self.space.any(self._pressed())
         self._path: Path | None = None
         self._paths = list(PATHS if len(joint.e) else PATHS[::-1])  # not tried yet
         self._ends: list[Point] = []  # of the paths that failed
         self._trying = False  # whether steps are Newton's own, from the path's point
-        self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
         self._misfit: float | None = None  # `_misfits` of the iterate
         self._least_size = max(
             self._least_size, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e))
@@ -174,6 +175,26 @@ class Newton(Outer):
                 ),
             ]
         )
+
+    def _first_guess(self) -> tuple[np.ndarray, np.ndarray]:
+        """The nodes (m,) bool that the first step takes as closed, and those onto which a body falls. Collective.
+
+        A warm start closes the nodes under pressure. Contacts of loose bodies that have none, as where a body lay
+        without a load, begin as without a warm start: else nothing but springs would hold the body in this step.
+        """
+        pressed = self._pressed()
+        if not self._warm:
+            return self.joint.first_closed()
+        if not self.joint.rigid.size:
+            return pressed, np.zeros(len(pressed), bool)
+        closed, falls = self.joint.first_closed()
+        begin = 0
+        for interface in self.space.interfaces:
+            nodes = slice(begin, begin + interface.m)
+            if pressed[nodes].any():
+                closed[nodes], falls[nodes] = pressed[nodes], False
+            begin += interface.m
+        return closed, falls
 
     @property
     def forces(self) -> np.ndarray:
@@ -315,7 +336,7 @@ class Newton(Outer):
                 self._ends, key=lambda end: self.space.largest(self.joint.rigid.spread(end.alpha))
             )
             return False
-        self._path = self._paths.pop(0)(self.joint, self._c)
+        self._path = self._paths.pop(0)(self.joint, self._c, self._before)
         return True
 
     def _settle(self) -> None:
@@ -393,8 +414,7 @@ class Newton(Outer):
             s, r, *_ = self._at
             active = self._laws.active_sets(s - self._c * r)
             if self._start:  # guess the active sets
-                closed, *falls = (self._pressed(),) if self._warm else self.joint.first_closed()
-                active = self._laws.sticking(closed, *falls)
+                active = self._laws.sticking(*self._first_guess())
             linearised = Linearised.of(self._laws.linearise(active))
             if self._start:  # slip bounds do not follow guessed pressures
                 linearised = linearised.frozen(0.0 * s)

@@ -94,6 +94,7 @@ class Softening:
     ----------
     joint : the operator
     c : (size,) half the joint moduli, which turn gaps into forces
+    before : the norm of the forces at which the load step begins (N)
 
     Attributes
     ----------
@@ -107,7 +108,7 @@ class Softening:
     kind = "softening"
     springs, steered, forcing = 1.0, 1.0, 1e-4
 
-    def __init__(self, joint: Joint, c: np.ndarray) -> None:
+    def __init__(self, joint: Joint, c: np.ndarray, before: float = 0.0) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
         self._two_sided = (
             joint.space.spread([interface.law.two_sided for interface in joint.space.interfaces])
@@ -230,7 +231,7 @@ class Softening:
 
 
 class InteriorPoints:
-    """The path of interior points. It begins at equal normal forces, as large as the loads or as `_first_force`.
+    """The path of interior points. It begins at equal normal forces, together as large as `_first_force`.
 
     The start is inside all bounds and has the gaps and slips of its forces, so that a belt that a clamp drags along
     slides from the first step on. Parameters and attributes as for `Softening`. Collective.
@@ -241,7 +242,7 @@ class InteriorPoints:
     """With the springs of Newton's method bodies would cross wide clearances too slowly: a step moves them by imbalance
     over spring. The barrier of each contact supports bodies, too."""
 
-    def __init__(self, joint: Joint, c: np.ndarray) -> None:
+    def __init__(self, joint: Joint, c: np.ndarray, before: float = 0.0) -> None:
         self._joint, self._space, size = joint, joint.space, joint.size
         self._laws = [
             (interface.law, entries)
@@ -260,7 +261,7 @@ class InteriorPoints:
             )
         # equal forces at all nodes, whose norm is the first force
         number = float(self._space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
-        force = self._first_force(c) / np.sqrt(max(number, 1.0))
+        force = self._first_force(c, before) / np.sqrt(max(number, 1.0))
         s = np.where(self._normal, force, 0.0)
         self._rubbing = np.ones(len(rows), bool)
         self._unknown, self._rubbing = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
@@ -293,8 +294,9 @@ class InteriorPoints:
         self.point = Point(s, r, alpha, joint.imbalance(s, alpha))
         self._last, self._longest, self._steps, self._idle, self.failed = 1.0, 0.0, 0, 0, False
 
-    def _first_force(self, c: np.ndarray) -> float:
-        """The norm of the first forces (N): that of the loads, or of forces that close the free gaps d, if larger.
+    def _first_force(self, c: np.ndarray, before: float) -> float:
+        """The norm of the first forces (N): the largest of those of the loads, of forces that close the free gaps d, and
+        of those `before`, as a tightened bolt that keeps its offset is neither load nor gap.
 
         Clearances are left out of d. These forces are the fraction, at most 1, of c d with the least energy, because a
         slender body bends far under small forces.
@@ -307,7 +309,7 @@ class InteriorPoints:
             np.array([forces @ gaps, forces @ self._joint.product(forces, "newton")])
         )
         fraction = given / stored if stored > given else 1.0
-        return max(norm(self._joint.e), fraction * self._space.norm(forces))
+        return max(norm(self._joint.e), fraction * self._space.norm(forces), before)
 
     @property
     def stage(self) -> str:

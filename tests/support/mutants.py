@@ -2135,6 +2135,20 @@ MUTANTS = [
             PATH,
         ),
         (
+            "interior points begin with the loads, whatever forces there are",
+            "methods/paths",
+            "fraction * self._space.norm(forces), before)",
+            "fraction * self._space.norm(forces))",
+            "methods/test_paths.py::test_a_small_load_beside_large_forces_is_carried",
+        ),
+        (
+            "springs alone hold a body that lay without a load",
+            "methods/newton",
+            "if not self.joint.rigid.size:\n            return (pressed",
+            "if True:\n            return (pressed",
+            "methods/test_paths.py::test_a_body_that_lay_without_a_load_begins_on_the_nodes_that_touch",
+        ),
+        (
             "of interior points the bound's change is forgotten",
             "methods/paths",
             " - y * dg",
