@@ -39,8 +39,6 @@ COMPLEX = {
     "mesh/boundary:name_sides": 26,
     "mesh/build:build_mesh": 18,
     "mesh/read:read_mesh": 20,
-    "methods/newton:Newton._iterate": 21,
-    "methods/newton:Newton.run": 20,
     "results/fields:write_fields": 18,
     "results/histories:at_step": 25,
     "run/answer:Model.solve": 16,

@@ -218,32 +218,38 @@ class Newton(Outer):
         if self._settled:  # the forces were moved onto their bounds; the gaps must follow
             self.joint.neglected = NEGLECTED * tolerance * self._size()
             self._settled, self._misfit = False, self._look()
-        while (
-            True
-        ):  # the misfit is in newtons, see `_misfits`; the residual is the misfit over the forces
-            if self._misfit is None:
-                self._misfit = self._misfits([self._at])[0]
-            misfit = self._misfit
-            residual = self._relative(misfit)
-            done = self._is_done(residual, tolerance)
-            if done and self._rough:  # the gaps were only as precise as the step needed
-                self._misfit = self._look()
-                continue
-            finite = np.isfinite(residual)
-            if not self.history and (done or not finite):
-                self._note(residual, 0.0)
-            if not finite:
-                return "diverged"
-            if (done and self.joint.balances(self._at.left, self._size())) or len(
-                self.history
-            ) >= self.max_iterations:
-                self._settle()
-                return "converged" if done else "max_iterations"
-            if self._path and not self._trying and self._path.failed and not self._next_path():
-                return "drift" if self._drifts() else "stalled"
-            self._misfit = self._iterate(misfit, tolerance)
+        while not (end := self._end(tolerance)):
+            self._iterate(tolerance)
             if self._is_hopeless():
                 return "stalled"
+        return end
+
+    def _end(self, tolerance: float) -> str:
+        """Why the iteration ends at the iterate, as `run` returns it; empty where it goes on. Collective."""
+        residual, done = self._judge(tolerance)
+        finite = bool(np.isfinite(residual))
+        if not self.history and (done or not finite):
+            self._note(residual, 0.0)
+        if not finite:
+            return "diverged"
+        balanced = done and self.joint.balances(self._at.left, self._size())
+        if balanced or len(self.history) >= self.max_iterations:
+            self._settle()
+            return "converged" if done else "max_iterations"
+        if self._path and not self._trying and self._path.failed and not self._next_path():
+            return "drift" if self._drifts() else "stalled"
+        return ""
+
+    def _judge(self, tolerance: float) -> tuple[float, bool]:
+        """The residual of the iterate, its misfit over the forces, and whether the iterate is an answer. Collective."""
+        while True:
+            if self._misfit is None:
+                self._misfit = self._misfits([self._at])[0]
+            residual = self._relative(self._misfit)
+            done = self._is_done(residual, tolerance)
+            if not (done and self._rough):
+                return residual, done
+            self._misfit = self._look()  # the gaps were only as precise as the step needed
 
     def _is_done(self, residual: float, tolerance: float) -> bool:
         """Whether residual and estimated error are small; guessed active sets may fit by chance."""
@@ -281,45 +287,62 @@ class Newton(Outer):
             self._modelled.refine()
         return self._misfits([self._at])[0]
 
-    def _iterate(self, misfit: float, tolerance: float) -> float:
-        """One step of Newton's method or of a path; takes and returns `_misfits` of the iterate (N)."""
-        residual = self._relative(misfit)
-        # count Newton's steps that gain little, but neither full steps nor steps of a path
-        gained = residual < PROGRESS * self._smallest
-        self._stalled = 0 if gained or self._path else self._stalled + (not self._takes_full_steps)
-        self._smallest = residual if gained else self._smallest
+    def _iterate(self, tolerance: float) -> None:
+        """One step of Newton's method or of a path. Collective."""
+        assert self._misfit is not None
+        residual = self._relative(self._misfit)
+        self._count_gains(residual)
         before, imbalance = self._at.s, norm(self._at.left)
         self.joint.neglected = NEGLECTED * tolerance * self._size()
         if self._stalled >= PATIENCE and not self._path:  # active sets cycle
             self._next_path()
-        stage = "" if self._trying or not self._path else self._path.stage
-        if stage and self._path:
-            with event("NewtonStep"):
-                self._path.step(self.direction)
-            self._at = self._path.point
-            misfit = self._misfits([self._at])[0]  # of the equations without layer or barrier
-            near = self._path.kind == "softening" or self._relative(misfit) < NEAR
-            self._trying = self._path.ready and near and not self._path.failed
-        else:
-            with event("NewtonStep"):
-                misfit = self._newton_step(misfit)
+        path = None if self._trying else self._path
+        stage = path.stage if path else ""
+        with event("NewtonStep"):
+            self._misfit = self._follow(path) if path else self._newton_step(self._misfit)
         self._start = False
-        after, size, left = self._relative(misfit), self._size(), norm(self._at.left)
-        # rigid motions stop where the springs that steer them are stiffer than the friction that turns: softer springs
-        if max(tolerance * size, PROGRESS * imbalance) < left < NEARLY * norm(self.joint.e):
-            self._springs = max(SOFTER * self._springs, SOFTEST)
+        after, size = self._relative(self._misfit), self._size()
+        self._soften_springs(imbalance, tolerance * size)
         update = self.space.norm(self._at.s - before) / size if size else 0.0
         if not update:
             self._stalled = PATIENCE  # the next step would be the same
-        self._error = (
-            update * after / residual if residual else 0.0
-        )  # as if the next step shrank like the residual
+        # as if the next step shrank like the residual
+        self._error = update * after / residual if residual else 0.0
         self._note(after, update, stage)
-        if self._path and self._trying and not stage and not after <= PROGRESS * residual:
-            self._trying, self._at = False, self._path.point  # back to where the path was left
-            self._path.go_on()
-            misfit = self._misfits([self._at])[0]
+        if self._trying and not stage and not after <= PROGRESS * residual:
+            self._go_back()
+
+    def _count_gains(self, residual: float) -> None:
+        """Count Newton's steps that gain little, but neither full steps nor steps of a path."""
+        if residual < PROGRESS * self._smallest:
+            self._stalled, self._smallest = 0, residual
+        elif self._path:
+            self._stalled = 0
+        elif not self._takes_full_steps:
+            self._stalled += 1
+
+    def _follow(self, path: Path) -> float:
+        """One step of the `path`; returns `_misfits` of its point, of the equations without layer or barrier (N)."""
+        path.step(self.direction)
+        self._at = path.point
+        misfit = self._misfits([self._at])[0]
+        near = path.kind == "softening" or self._relative(misfit) < NEAR
+        self._trying = path.ready and near and not path.failed
         return misfit
+
+    def _go_back(self) -> None:
+        """Go back to where the path was left, and go on along it, as Newton's own steps do not converge. Collective."""
+        assert self._path
+        self._trying, self._at = False, self._path.point
+        self._path.go_on()
+        self._misfit = self._misfits([self._at])[0]
+
+    def _soften_springs(self, imbalance: float, negligible: float) -> None:
+        """Soften the springs that steer rigid motions where they are stiffer than friction that turns, so that the
+        `imbalance` (N) of the iterate before is left."""
+        left = norm(self._at.left)
+        if max(negligible, PROGRESS * imbalance) < left < NEARLY * norm(self.joint.e):
+            self._springs = max(SOFTER * self._springs, SOFTEST)
 
     @property
     def _takes_full_steps(self) -> bool:

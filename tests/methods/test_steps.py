@@ -204,9 +204,9 @@ def residuals(newton: Newton) -> list[float]:
     found: list[float] = []
     iterate = newton._iterate
 
-    def noted(far: float, tolerance: float) -> float:
-        found.append(far)
-        return iterate(far, tolerance)
+    def noted(tolerance: float) -> None:
+        found.append(newton._misfit)
+        iterate(tolerance)
 
     newton._iterate = noted
     assert newton.run(1e-8) == "converged"
