@@ -66,7 +66,7 @@ PLACES = {
     # columns, units and the name of the preconditioner
     "check/drawing": 1,
     "results/tables": 1,
-    "scene/method": 1,
+    "scene/output": 1,
     "run/report": 1,
     # a scene in the plane has plane strain or plane stress
     "scene/bodies": 1,

@@ -15,8 +15,8 @@ from ddmpi.pictures.bodies import animate, draw_bodies, draw_error, draw_mechani
 from ddmpi.pictures.sheet import STYLE, start_drawing
 from ddmpi.results.histories import at_step, placed
 from ddmpi.results.tables import Results, read_results, reading
-from ddmpi.scene.method import Output
 from ddmpi.scene.mistakes import explain
+from ddmpi.scene.output import Output
 from ddmpi.system.files import MECHANISM, contact_files, writing
 from ddmpi.system.provenance import identity
 

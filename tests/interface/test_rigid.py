@@ -7,8 +7,7 @@ from boundaries import held_beside, joined, rectangle, ring, side, touch
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import check_overlap
 from ddmpi.interface.trace import displacement_trace
-from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane
-from ddmpi.scene.values import Profile
+from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane, Profile
 
 COULOMB = Coulomb(coefficient=0.3)
 FLOOR = Plane(name="floor", point=(7.0, 0.0), normal=(0.0, 2.0))

@@ -13,7 +13,7 @@ from scenes import call, pinched_blocks, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.petsc.harmless import SOLVERS, WITHIN, check_petsc, kind
-from ddmpi.scene.reader import refuse_reaching
+from ddmpi.scene.petsc import refuse_reaching
 
 HELP = """
 import contextlib, petsc4py

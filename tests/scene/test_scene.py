@@ -15,13 +15,13 @@ import pytest
 
 from ddmpi.errors import InputError
 from ddmpi.scene.bodies import Clamp, Material
-from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
+from ddmpi.scene.contacts import Coulomb, NoFriction, Profile, Tresca
 from ddmpi.scene.formulas import check_formulas, evaluate, varies
 from ddmpi.scene.keys import differences, override
 from ddmpi.scene.method import METHODS, Method, Published
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_scene_file, write_toml
 from ddmpi.scene.scene import Scene, Settled
-from ddmpi.scene.values import AffineScalar, AffineVector, Profile
+from ddmpi.scene.values import AffineScalar, AffineVector
 from ddmpi.sweep.cases import build_cases
 
 ROOT = Path(__file__).resolve().parents[2]

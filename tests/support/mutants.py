@@ -394,7 +394,7 @@ MUTANTS = [
         ),
         (
             "a volume force with slopes needs a value",
-            "scene/values",
+            "scene/bodies",
             "if self.value is not None and affine:",
             "if self.value is None and affine:",
             "scene/test_dimension.py::test_what_belongs_to_the_other_dimension_is_refused",
@@ -408,7 +408,7 @@ MUTANTS = [
         ),
         (
             "three expansions are a place in space",
-            "scene/scene",
+            "scene/dimension",
             '"expansion", "view"',
             '"view"',
             "scene/test_dimension.py::test_expansions_along_three_axes_are_no_place_in_space",
@@ -655,8 +655,8 @@ MUTANTS = [
         ),
         (
             "a node may be touched",
-            "scene/scene",
-            "if contact.bodies[1] in nodes and contact.kind != 'bonded':",
+            "scene/checks",
+            "if partner and (not partner.surface) and (contact.kind != 'bonded'):",
             "if False:",
             "scenes/test_reference_nodes.py::test_a_node_has_bonds_alone",
         ),
@@ -3089,7 +3089,7 @@ MUTANTS = [
         ),
         (
             "loads of a cycle are those of the scene's time",
-            "scene/method",
+            "scene/time",
             "np.clip(shifts, 0, max(run - 1, 0))",
             "0.0 * shifts",
             f"{CYCLES}::test_cycles_are_what_a_long_history_gives",
@@ -3124,7 +3124,7 @@ MUTANTS = [
         ),
         (
             "a cycle may end with other loads",
-            "scene/method",
+            "scene/time",
             "abs(first - last) > ALIKE",
             "abs(first - last) > 3.0",
             f"{CYCLES}::test_what_cycles_cannot_be_is_refused",
@@ -3303,7 +3303,7 @@ MUTANTS = [
         ),
         (
             "a scene may set any option",
-            "scene/reader",
+            "scene/petsc",
             "check_petsc(options if isinstance(options, dict) else {})",
             "check_petsc({})",
             "petsc/test_harmless.py",
