@@ -331,9 +331,8 @@ class Interface:
         """c (size,) of s − c r: the stiffness of half-spaces against waves of the nodes' spacing (N/m)."""
         # Half-spaces resist a wave of displacement with the wave number k by E* k/2 per area; with k = 1/spacing, times
         # the area of a node, this is E*/2 in the plane. Any c > 0 has the same answers; c steers the active sets.
-        width = self.around * (self.area / self.around) ** (
-            1.0 - 1.0 / self.law.components
-        )  # 1 in the plane
+        # The width is 1 in the plane.
+        width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)
         return 0.5 * self.modulus * width[self.law.node]
 
     @property

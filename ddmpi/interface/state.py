@@ -221,11 +221,12 @@ class ContactState:
                 self.forces[lines.row].T * interface.shares + 0.0,
                 self.along(self.slip)[lines.row].T + 0.0,
             )
+            # Adding 0.0 makes −0.0 a zero.
             columns |= zip(
                 ("force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z"),
                 (*forces, *slip),
                 strict=True,
-            )  # no −0
+            )
         table = np.empty(len(lines.row), [(name, values.dtype) for name, values in columns.items()])
         for name, values in columns.items():
             table[name] = values

@@ -21,9 +21,8 @@ from ddmpi.system.files import MECHANISM, contact_files, writing
 from ddmpi.system.provenance import identity
 
 EACH = 6  # largest number of contacts with separate pictures; more contacts share one
-Pictures = Iterator[
-    tuple[str, Callable[[], Any]]
-]  # file names of pictures and the functions that draw their figures
+Pictures = Iterator[tuple[str, Callable[[], Any]]]
+"""File names of pictures and the functions that draw their figures."""
 
 
 def draw_all(

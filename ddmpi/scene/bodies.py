@@ -165,10 +165,11 @@ class Material(Table, frozen=True, kw_only=True):
     @property
     def _matrix(self) -> np.ndarray:
         """Compliance matrix (6, 6) of an orthotropic material, for ε11, ε22, ε33, 2 ε12, 2 ε13, 2 ε23 (1/Pa)."""
+        # In the plane G13 and G23 do not count.
         E, G = (
             self.moduli,
             np.array(self.shear) * np.ones(3),
-        )  # in the plane G13 and G23 do not count
+        )
         assert isinstance(self.poisson, tuple)
         n12, n13, n23 = self.poisson
         S = np.diag(1.0 / np.append(E, G))

@@ -138,10 +138,11 @@ class SettledMethod(Method, frozen=True, kw_only=True):
         True  # whether two supported bodies solve problems of their own, on a rank each
     )
     title: ClassVar[str]  # in logs and reports, with keys in braces
+    # Of the history, in pictures.
     curves: ClassVar[tuple[str, str]] = (
         "λ",
         "force mismatch  ‖s$_1$ − s$_2$‖ / ‖s‖",
-    )  # of its history, in pictures
+    )
     criterion: ClassVar[Literal["update", "residual"]] = "update"  # what `tolerance` bounds
     diverging: ClassVar[str] = (
         "divergence, the contact displacement grew beyond all bounds"  # in words

@@ -79,9 +79,8 @@ class Cycle(Table, frozen=True, kw_only=True, rename={"begin": "from"}):
 
     def drawn(self, time: Any, run: int) -> Any:
         """The time in `points` of a `time`, or of an array of times, of a run with `run` cycles."""
-        shifts = np.ceil(
-            (time - self.to) / self.span - 1e-9
-        )  # a time on an end belongs to the cycle before
+        # A time on an end belongs to the cycle before.
+        shifts = np.ceil((time - self.to) / self.span - 1e-9)
         return time - np.clip(shifts, 0, max(run - 1, 0)) * self.span
 
 

@@ -81,6 +81,7 @@ def refuses(settings: str | list[str], words: str, text: str = TEXT) -> None:
 
 PROFILE = "contact.upper-lower.friction.coefficient"
 
+# The words of types and limits are those of msgspec, by its version.
 REFUSED = [
     # unknown keys, wrong types, numbers out of range
     ("titel=x", "titel: unknown key|did you mean 'title'|petsc"),
@@ -137,7 +138,7 @@ REFUSED = [
     (
         "body.upper.material.young=1" + 400 * "0",
         "body.upper.material.young: ",
-    ),  # words of msgspec, by its version
+    ),
     (
         "body.upper.material.plane=stres",
         "body.upper.material.plane: 'stres' is not valid; expected one of strain, stress|did you mean 'stress'",
