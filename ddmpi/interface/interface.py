@@ -268,6 +268,11 @@ class Interface:
         return self.geometry.tangents
 
     @property
+    def frame(self) -> np.ndarray:
+        """(m, d, d) unit vectors of the first body: outer normal, then tangents."""
+        return np.column_stack([self.normal[:, None], self.tangents])
+
+    @property
     def lines(self) -> Lines:
         """The nodes of the rows."""
         return self.drawing.lines

@@ -154,8 +154,7 @@ class ContactState:
     def forces(self) -> np.ndarray:
         """(m, d) force on the first body at each node (N): −(s_ν ν + s_t t)."""
         components = np.column_stack([self.normal_force, self.tangential_force])
-        frame = np.column_stack([self.interface.normal[:, None], self.interface.tangents])
-        return -np.einsum("mc,mcd->md", components, frame)
+        return -np.einsum("mc,mcd->md", components, self.interface.frame)
 
     def along(self, components: np.ndarray) -> np.ndarray:
         """(m, d) vectors of tangential components (m, d − 1)."""

@@ -2991,8 +2991,8 @@ MUTANTS = [
         (
             "rows of a turned body are along the world",
             "interface/trace",
-            "tangents=interface.tangents @ back",
-            "tangents=interface.tangents",
+            "interface.frame @ back",
+            "interface.frame",
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
         ),
         (
