@@ -44,7 +44,7 @@ from ddmpi.results.tables import (
     write_steps,
     write_table,
 )
-from ddmpi.run.equilibrium import forces_by_group, recover
+from ddmpi.run.recover import forces_by_group, recover
 from ddmpi.run.report import describe_files
 from ddmpi.run.solve import Solution
 from ddmpi.system.agreement import agreed, gathered

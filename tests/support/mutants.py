@@ -2355,7 +2355,7 @@ MUTANTS = [
         ),
         (
             "what yields by rounding is pushed on",
-            "run/equilibrium",
+            "run/frames",
             "np.abs(stiffness) < MOST * size",
             "np.abs(stiffness) < np.inf",
             f"{FREE}::test_a_block_on_a_plane_is_stable",
@@ -2813,7 +2813,7 @@ MUTANTS = [
         ),
         (
             "rounding of an unloaded body is a result",
-            "run/equilibrium",
+            "run/recover",
             "np.abs(u).max() <= moved",
             "False",
             UNLOADED,
@@ -2948,14 +2948,14 @@ MUTANTS = [
         # bodies that move far
         (
             "slip is seen from where bodies were",
-            "run/equilibrium",
+            "run/frames",
             "now[second].after(then[second].undone).after(then[name])",
             "then[name]",
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
         ),
         (
             "displacements of the step before forgotten",
-            "run/equilibrium",
+            "run/frames",
             "at(points + u) - points",
             "at(points) - points",
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
@@ -3019,7 +3019,7 @@ MUTANTS = [
         # frames that forces decide
         (
             "loose bodies do not fall",
-            "run/equilibrium",
+            "run/frames",
             "(far if 0.0 < far < np.inf else 0.0) * along",
             "0.0 * along",
             f"{FREE}::test_a_body_falls_until_it_touches",
@@ -3061,14 +3061,14 @@ MUTANTS = [
         ),
         (
             "nobody is told of what is not stable",
-            "run/equilibrium",
+            "run/frames",
             "if not pushed[worst] < -UNSTABLE * size:",
             "if True:",
             f"{FREE}::test_an_unstable_equilibrium_is_told_of",
         ),
         (
             "the balance of a free frame with clamps is not judged",
-            "run/equilibrium",
+            "run/recover",
             "if frame.part and name not in pushes",
             "if False",
             f"{FREE}::test_what_holds_a_free_frame_is_judged",
