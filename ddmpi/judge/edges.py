@@ -126,8 +126,9 @@ def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]
     both : `Ends` of its two bodies; None for a rigid partner
     """
     bonded, ends = interface.law.name == "bonded", [one for one in both if one is not None]
-    rows = interface.lines.row[bears[interface.lines.row]]
-    acting, reach = interface.lines.acting[bears[interface.lines.row]], reaches(interface)[rows]
+    bearing = bears[interface.lines.row]
+    rows, acting = interface.lines.row[bearing], interface.lines.acting[bearing]
+    reach = reaches(interface)[rows]
     at = []
     sides = np.concatenate([one.sides[np.isfinite(one.angles)] for one in ends])
     for side in np.unique(sides, axis=0):

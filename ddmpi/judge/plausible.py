@@ -139,7 +139,7 @@ def doubt_answer(
         for interface in body.member.interfaces:
             side = interface.side(name)
             moved[interface.name, side] = (
-                interface.transfer[side] @ u[interface.nodes[side]],
+                interface.rows.moved(side, u),
                 float(np.linalg.norm(u, axis=1).max()),
             )
     by_body = gathered(world, by_body)
@@ -149,7 +149,7 @@ def doubt_answer(
     both, by_contact, here = assembly.exchange.swap_objects(moved), {}, assembly.in_world()
     for interface in assembly.space.interfaces:
         state, ((first, largest), second) = states[interface.name], both[interface.name]
-        carried = state.interface.carried(state.interface.places)
+        carried = state.interface.partner.carried(state.interface.places)
         other, largest_of_other = (second[0] + carried, second[1]) if second else (carried, 0.0)
         largest = max(largest, largest_of_other)
         slid = [] if assembly.far else _far_slip(assembly, state, first - other)
@@ -255,7 +255,7 @@ def _points_that_carry(
     }
     if not points:
         return
-    supported = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
+    supported = [interface.rows.nodes[interface.side(name)] for interface in body.member.interfaces]
     supported += [
         np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups
     ]
@@ -477,7 +477,7 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
     other = ""
     if interface.slave:
         slave = interface.side(interface.slave)
-        if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
+        if len(interface.rows.nodes[1 - slave]) > len(interface.rows.nodes[slave]):
             other = f" or write slave = {interface.bodies[1 - slave]!r}"
     yield Doubt(
         f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
@@ -497,7 +497,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     interface, number = state.interface, len(state.status)
     if interface.law.two_sided or number < 3:
         return
-    pairs = np.column_stack(sparse.triu(interface.laplacian, 1).nonzero())
+    pairs = np.column_stack(sparse.triu(interface.geometry.laplacian, 1).nonzero())
     d, closed = interface.dimension, state.status != "open"
     both = closed[pairs].all(axis=1)
     links = sparse.csr_matrix((np.ones(both.sum()), pairs[both].T), (number, number))
@@ -511,7 +511,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
     twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis
     enclosed = (twice * curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
-    facets = interface.facets[:, :d]
+    facets = interface.geometry.facets[:, :d]
     bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
     sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
     sharp = sharp[~axis[sharp]]
@@ -520,7 +520,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
         np.bincount(zone, closed, number) * twice,
         np.bincount(zone, state.normal_force, number),
     )
-    least = (2 * cell_with(interface.facets.shape[1], d - 1).order + 1) ** (
+    least = (2 * cell_with(interface.geometry.facets.shape[1], d - 1).order + 1) ** (
         d - 1
     )  # nodes; fewer say little of it
     poor = (
@@ -574,7 +574,7 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> Ite
         if rigid is None
         else (np.full_like(spacing, rigid.bend), LIMIT["turn"])
     )
-    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
+    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.tangents, moved), axis=1)
     slid = np.where(closed, along, 0.0) / far
     k = int(np.argmax(slid))
     if slid[k] > limit:

@@ -549,7 +549,7 @@ class Iteration:
             )
             if near[0][0] is not None:
                 # the gap at points between the nodes, where the discrete conditions promise nothing
-                beyond = interface.carried(probes.moved(0, points[interface.bodies[0]]))
+                beyond = interface.partner.carried(probes.moved(0, points[interface.bodies[0]]))
                 between = (
                     probes.opening(interface.scale)
                     + np.einsum("qd,qd->q", probes.normal, beyond)
@@ -563,8 +563,8 @@ class Iteration:
                         sum(along for _, along, _ in near)
                         - np.einsum(
                             "mcd,md->mc",
-                            interface.frame[:, 1:],
-                            interface.carried(interface.places),
+                            interface.tangents,
+                            interface.partner.carried(interface.places),
                         ),
                         slid.get(interface.name, 0.0),
                     )

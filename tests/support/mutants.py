@@ -1394,16 +1394,16 @@ MUTANTS = [
         ),
         (
             "moment on the second body's nodes",
-            "interface/state",
-            "else interface.at[0],",
-            "else interface.at[1],",
+            "interface/interface",
+            "return self.geometry.at[0]",
+            "return self.geometry.at[1]",
             f"{MORTAR}::test_forces_at_the_nodes_have_the_resultant_and_the_moment",
         ),
         (
             "moment of forces at the nodes' places",
             "interface/state",
-            "interface.xy if interface.at is None else interface.at[0]",
-            "interface.xy",
+            "moment(interface.places,",
+            "moment(interface.xy,",
             f"{MORTAR}::test_forces_at_the_nodes_have_the_resultant_and_the_moment",
         ),
         (
@@ -1877,8 +1877,8 @@ MUTANTS = [
         (
             "an offset opens its bond",
             "interface/interface",
-            "self.offset * self.pull if self.offset else 0.0",
-            "0.0",
+            "carried + self.offset * self.pull if self.offset else carried",
+            "carried",
             f"{BOLTS}::test_a_bar_that_is_pulled_in_the_middle",
         ),
         (
@@ -2186,7 +2186,7 @@ MUTANTS = [
         (
             "preconditioner ignores the Laplacian",
             "methods/half_space",
-            "over @ interface.laplacian @ over + ",
+            "over @ interface.geometry.laplacian @ over + ",
             "",
             "methods/test_newton.py::test_half_space_of_one_node",
         ),
@@ -2991,8 +2991,8 @@ MUTANTS = [
         (
             "rows of a turned body are along the world",
             "interface/trace",
-            "frame=interface.frame @ back",
-            "frame=interface.frame",
+            "tangents=interface.tangents @ back",
+            "tangents=interface.tangents",
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
         ),
         (
@@ -3005,8 +3005,8 @@ MUTANTS = [
         (
             "rows that were left out never close",
             "run/places",
-            "interface.beyond:] < 0.0)",
-            "interface.beyond:] < -9.0)",
+            "interface.probes.beyond:] < 0.0)",
+            "interface.probes.beyond:] < -9.0)",
             f"{FAR}::test_rows_that_stay_open_are_left_out",
         ),
         (
