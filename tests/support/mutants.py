@@ -565,8 +565,8 @@ MUTANTS = [
         (
             "a tie loses its slave",
             "decks/joints",
-            "if not held.issuperset(",
-            "if not tied and not held.issuperset(",
+            "if not self._held.issuperset(",
+            "if not tied and not self._held.issuperset(",
             f"{TOGETHER}::test_ties_have_the_slave_of_the_deck",
         ),
         (
