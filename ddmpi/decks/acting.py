@@ -18,7 +18,10 @@ KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
 
 ALONG = 0.97
-"""Least cosine between the normals of straight facets and the directions of supports at their nodes."""
+"""Least cosine between the normals of straight facets and the directions of supports at their nodes, and their mean."""
+
+TURNED = 0.5
+"""Least length of the mean of directions that turn over a face; that of others is no face of them."""
 
 Key = tuple[float, str | None]
 """The value of a load, and its history."""
@@ -121,42 +124,69 @@ class Acts:
         ]
 
     def clamps(self, piece: Piece) -> list[dict[str, Any]]:
-        """The supports of a body: by component sets of nodes with one value, or a linear function."""
-        d, supports = len(self.axes), self.model.kinds["supports"]
-        # by component, then whether it is moved and by which history: value by place
+        """The supports of a body: by component sets of nodes with one value, or a linear function; or along the normals
+        of faces."""
+        d = len(self.axes)
+        # by axis, then whether it is moved and by which history: value by place
         at: dict[int, dict[tuple[bool, str | None], dict[int, float]]] = defaultdict(
             lambda: defaultdict(dict)
         )
-        # in directions of *TRANSFORM, by component and whether it is moved: direction by place
-        turned: dict[tuple[int, bool], dict[int, np.ndarray]] = defaultdict(dict)
-        # those of them that are along x, y or z
-        ways: dict[int, dict[int, np.ndarray]] = defaultdict(dict)
-        cards: dict[int, Card] = {}
+        # by component of *TRANSFORM: direction, value and keyword by place
+        local = defaultdict[int, dict[int, tuple[np.ndarray, float, Card]]](dict)
         zero = Counter(
             node
-            for (node, component), acting in supports.items()
+            for (node, component), acting in self.model.kinds["supports"].items()
             if component <= d and not any(value for _, value in acting.course)
         )
+        # where all components are zero, their directions do not matter
+        fixed = {piece.place[node] for node in zero.keys() & piece.place.keys() if zero[node] >= d}
         for node, component, acting in self._held(piece):
-            # where all components are zero, their directions do not matter
-            way = (
-                self._way(piece, node, component)[:d]
-                if zero[node] < d
-                else np.eye(d)[component - 1]
-            )
-            (value, history), main = self.factor(acting), int(np.abs(way).argmax())
-            if abs(abs(way[main]) - 1.0) < EXACT:
-                if node in self.model.transforms and not value:
-                    ways[component][piece.place[node]] = way
-                at[main][bool(value), history][piece.place[node]] = value * np.sign(way[main])
-            else:
-                turned[component, bool(value)][piece.place[node]] = way
-                cards[component] = acting.card
-        found, guided = self._guided(piece, turned, ways, cards)
-        for component, place in guided:  # by their faces, and not along an axis as well
-            main = int(np.abs(ways[component][place]).argmax())
-            at[main][False, None].pop(place, None)
+            place, (value, history) = piece.place[node], self.factor(acting)
+            way = np.eye(d)[component - 1]
+            if node in self.model.transforms:
+                turned = self._way(piece, node, component)[:d]
+                local[component][place] = turned, value, acting.card
+                way = way if place in fixed else turned
+            if (main := _axis(way)) is not None:
+                at[main][bool(value), history][place] = value * np.sign(way[main])
+        found = []
+        for supports in local.values():
+            free = supports.keys() - fixed
+            odd = [place for place in free if _axis(supports[place][0]) is None]
+            if odd and len(facets := self._guided(piece, supports, odd)):
+                found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
+                for place in free & {*piece.facets[facets].ravel().tolist()} - {*odd}:
+                    main = int(np.abs(supports[place][0]).argmax())  # not along an axis as well
+                    at[main][False, None].pop(place, None)
         return found + self._together(piece, at)
+
+    def _guided(
+        self, piece: Piece, supports: dict[int, tuple[np.ndarray, float, Card]], odd: Sequence[int]
+    ) -> np.ndarray:
+        """The facets (k,) whose normals the directions of supports are, of which the `odd` ones are not along x, y or z;
+        none where these have no such facets, which is noted."""
+        given = np.full((len(piece.nodes) + 1, len(self.axes)), np.nan)  # −1, no node, is the last
+        for place, (way, value, _) in supports.items():
+            given[place] = np.nan if value else way
+        facets = piece.whole(~np.isnan(given[:-1, 0]))
+        mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
+        length = np.linalg.norm(mean, axis=1)  # less than 1 where directions differ
+        across = np.abs((piece.normals(facets) * mean).sum(axis=1))
+        some = (across > ALONG * length) & (length > TURNED)
+        facets, length = facets[some], length[some]
+        # the middle of a curved side halves the angle
+        round_ones = np.where(piece.facets[facets, 4] >= 0, 2.0 * ALONG**2 - 1.0, ALONG)
+        fine = facets[length > round_ones]
+        if not {*odd} - {*piece.facets[fine].ravel().tolist()}:
+            return fine
+        words = (
+            "a support in a direction of *TRANSFORM that is neither x, y, z nor the normal of faces"
+        )
+        if not {*odd} - {*piece.facets[facets].ravel().tolist()}:
+            turn = np.degrees(2.0 * np.arccos(length.min()))
+            words = f"a support along a direction that turns by {turn:.0f} degrees over a face; a finer mesh is needed"
+        self.notes.add("lost", supports[max(odd)][2], words)
+        return fine[:0]
 
     def _held(self, piece: Piece) -> Iterable[tuple[int, int, Acting]]:
         """The node, the component and the value of each support of a body in the directions of the scene."""
@@ -183,39 +213,6 @@ class Acts:
             {"on": self._named(piece, some, "fixed")} | entry | later(history)
             for (_, history), (some, entry) in together.items()
         ]
-
-    def _guided(
-        self,
-        piece: Piece,
-        turned: dict[tuple[int, bool], dict[int, np.ndarray]],
-        along: dict[int, dict[int, np.ndarray]],
-        cards: dict[int, Card],
-    ) -> tuple[list[dict[str, Any]], set[tuple[int, int]]]:
-        """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these; and the
-        places, by component, of those `along` x, y or z that these faces have too."""
-        found, guided = [], set[tuple[int, int]]()
-        for (component, moved), ways in turned.items():
-            given = np.full(
-                (len(piece.nodes) + 1, len(self.axes)), np.nan
-            )  # −1, no node, is the last
-            for some in (along.get(component, {}), ways):
-                if some:
-                    given[list(some)] = list(some.values())
-            facets = piece.whole(~np.isnan(given[:-1, 0]))
-            mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
-            facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
-            if moved or ways.keys() - set(piece.facets[facets].ravel().tolist()):
-                self.notes.add(
-                    "lost",
-                    cards[component],
-                    "a support in a direction of *TRANSFORM that is "
-                    "neither x, y, z nor the normal of faces",
-                )
-            else:
-                found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
-                on = set(piece.facets[facets].ravel().tolist())
-                guided |= {(component, place) for place in along.get(component, ()) if place in on}
-        return found, guided
 
     def loads(self) -> dict[str, list[dict[str, Any]]]:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
@@ -498,6 +495,12 @@ def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[n
         if found is not None:
             return [(places, found)]
     return [(places[values == value], float(value)) for value in different]
+
+
+def _axis(way: np.ndarray) -> int | None:
+    """The axis along which a direction is, in either sense; None where it is along none."""
+    main = int(np.abs(way).argmax())
+    return main if abs(abs(way[main]) - 1.0) < EXACT else None
 
 
 def later(history: str | None) -> dict[str, Any]:

@@ -89,7 +89,7 @@ WITHOUT_EFFECT = {
     word: what
     for what, words in {
         "heat changes no static answer": "CONDUCTIVITY SPECIFICHEAT LATENTHEAT GAPCONDUCTANCE GAPHEATGENERATION "
-        "INELASTICHEATFRACTION JOULEHEATFRACTION",
+        "INELASTICHEATFRACTION JOULEHEATFRACTION CFLUX DFLUX FILM RADIATE",
         "currents change no static answer": "ELECTRICALCONDUCTIVITY MAGNETICPERMEABILITY",
         "speeds change no static answer": "DAMPING CONTACTDAMPING",
     }.items()
@@ -125,7 +125,6 @@ REFUSED = {
     "USERMATERIAL": "materials of a user's routine",
     "VISCOELASTIC": "viscoelasticity",
     "CYCLICSYMMETRYMODEL": "cyclic symmetry",
-    "CFLUX": "heat flow",
 }
 """What becomes impossible by a keyword; any other one that is not read is unknown."""
 
@@ -509,7 +508,8 @@ def _lines(path: Path, within: tuple[Path, ...], read: list[Path]) -> list[tuple
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
         text = data.decode("latin-1")
-    every = enumerate(map(str.strip, text.splitlines()), 1)
+    # a form feed, or a letter of other code pages, ends no line
+    every = enumerate(map(str.strip, re.split("\r\n?|\n", text)), 1)
     return [(number, line) for number, line in every if line and not line.startswith("**")]
 
 

@@ -186,7 +186,8 @@ class Deck:
         inside, _, last = called(word).rpartition(".")
         if last.isdigit() and inside in self._first:  # a node of an instance
             return {self._first[inside] + integer(last)}
-        name = self.key(kind, scope, word, last)
+        # a set of an instance is no other one of that name
+        name = self.key(kind, scope, word, word if inside in self.places else last)
         if name is None or name in within:
             raise DeckError(
                 f"there is no set {word}" if name is None else f"the set {word} contains itself"
