@@ -2382,6 +2382,13 @@ MUTANTS = [
             "body/test_singular.py::test_the_true_cause_is_named",
         ),
         (
+            "materials that differ much are no cause",
+            "body/singular",
+            "factor = moduli.max() / moduli.min()",
+            "factor = moduli.max() / moduli.max()",
+            "body/test_singular.py::test_materials_that_differ_too_much_are_named",
+        ),
+        (
             "foundations are never the cause",
             "body/singular",
             "factor = stiffest * len(points) / softest if softest > 0.0 else np.inf",
