@@ -33,7 +33,6 @@ COMPLEX = {
     "decks/scene:Importer._pieces": 22,
     "decks/scene:Importer.scene": 19,
     "judge/overlap:doubt_overlaps": 20,
-    "judge/plausible:doubt_answer": 21,
     "mesh/boundary:file_groups": 22,
     "mesh/boundary:keep_part": 19,
     "mesh/boundary:name_sides": 26,
