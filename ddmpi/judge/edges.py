@@ -163,7 +163,7 @@ def ends_of_clamps(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray
     # What a contact does at a corner is not known.
     touching = np.zeros(len(mesh.points), bool)
     for interface in body.member.interfaces:
-        touching[interface.nodes[interface.side(body.spec.name)]] = True
+        touching[interface.rows.nodes[interface.side(body.spec.name)]] = True
     met = touching[facets[bends.facets]].all(axis=2).any(axis=1)
     least[met] = np.pi - SHARPEST
     return (clamped.sum(axis=1) == 1) & (np.pi - bends.turn > least + SAME)
