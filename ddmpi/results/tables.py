@@ -387,7 +387,7 @@ class Results:
 
     def heading(self, timed: bool = False) -> str:
         """What a picture's title begins with: the scene's title, and the time of the load step if it is `timed`."""
-        title = textwrap.fill(self.summary["title"], WIDE).replace("$", r"\$")  # no formula
+        title = textwrap.fill(self.summary["title"], WIDE)
         when = f"time {self.time:g}: " if timed and self.time is not None else ""
         return (f"{title}\n" if title else "") + when
 

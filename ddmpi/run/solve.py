@@ -29,15 +29,10 @@ from ddmpi.methods.outer import ENDS, Outer, Report, Step, check_promises, no_re
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import (
-    at_contacts,
-    describe_drift,
-    displaced,
-    driven_partners,
-    look_for_mechanism,
-)
+from ddmpi.run.equilibrium import describe_drift, look_for_mechanism
 from ddmpi.run.held import Held, HeldMotion, beyond_meshes, judge_held, motions_to_hold, slides
 from ddmpi.run.least import least_motion
+from ddmpi.run.recover import at_contacts, displaced, driven_partners
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import agreed, gathered
