@@ -6,11 +6,6 @@ import pytest
 import ruler
 
 COMPLEX = {
-    "check/check:_check": 20,
-    "check/check:_look": 17,
-    "check/check:_page": 26,
-    "check/drawing:draw_bodies": 17,
-    "check/nearby:find_missing": 27,
     "cli/report:RunReport._steps": 23,
     "cli/report:_sweep": 19,
     "cli/report_markup:table": 16,
@@ -34,11 +29,6 @@ COMPLEX = {
     "decks/scene:Importer.scene": 19,
     "judge/overlap:doubt_overlaps": 20,
     "judge/plausible:doubt_answer": 21,
-    "mesh/boundary:file_groups": 22,
-    "mesh/boundary:keep_part": 19,
-    "mesh/boundary:name_sides": 26,
-    "mesh/build:build_mesh": 18,
-    "mesh/read:read_mesh": 20,
     "methods/newton:Newton._iterate": 21,
     "methods/newton:Newton.run": 20,
     "results/fields:write_fields": 18,
@@ -63,15 +53,11 @@ COMPLEX = {
 """Functions of the program beyond `ruler.MOST_COMPLEX`, with their complexity. Numbers only fall."""
 
 LONG = {
-    "check/check:_page": 73,
-    "check/drawing:draw_bodies": 61,
-    "check/nearby:find_missing": 82,
     "coupling/assembly:prepare": 224,
     "coupling/joint:Joint.__init__": 61,
     "decks/acting:Acts.heat": 66,
     "decks/deck:Deck._take": 72,
     "decks/deck:Deck.mesh": 65,
-    "mesh/read:read_mesh": 62,
     "results/histories:at_step": 101,
     "run/gather:_write_steps": 64,
     "run/gather:gather_summary": 67,
