@@ -621,8 +621,8 @@ MUTANTS = [
         (
             "a tie loses its slave",
             "decks/joints",
-            "if not held.issuperset(",
-            "if not tied and not held.issuperset(",
+            "if not self._held.issuperset(",
+            "if not tied and not self._held.issuperset(",
             f"{TOGETHER}::test_ties_have_the_slave_of_the_deck",
         ),
         (
@@ -642,9 +642,44 @@ MUTANTS = [
         (
             "the ends of a round face are held by themselves",
             "decks/acting",
-            "for some in (along.get(component, {}), ways):",
-            "for some in (ways,):",
+            "given[place] = np.nan if value else way",
+            "given[place] = np.nan if value or _axis(way) is not None else way",
             f"{TOGETHER}::test_nodes_on_the_axes_of_a_cylinder_are_held_with_the_others",
+        ),
+        (
+            "a curved face is as coarse as a flat one",
+            "decks/acting",
+            "2.0 * ALONG ** 2 - 1.0, ALONG)",
+            "ALONG, ALONG)",
+            f"{TOGETHER}::test_a_curved_face_slides_on_a_cylinder",
+        ),
+        (
+            "coarse faces slide on a cylinder",
+            "decks/acting",
+            "fine = facets[length > round_ones]",
+            "fine = facets",
+            f"{TOGETHER}::test_faces_too_coarse_for_a_cylinder",
+        ),
+        (
+            "fixed nodes have no direction",
+            "decks/acting",
+            "if node in self.model.transforms:",
+            "if node in self.model.transforms and place not in fixed:",
+            f"{TOGETHER}::test_a_curved_face_slides_on_a_cylinder",
+        ),
+        (
+            "a form feed ends a line",
+            "decks/cards",
+            "re.split('\\r\\n?|\\n', text)",
+            "text.splitlines()",
+            f"{TOGETHER}::test_what_makes_no_difference",
+        ),
+        (
+            "a set of an instance may be another one",
+            "decks/deck",
+            "word if inside in self.places else last",
+            "last",
+            f"{TOGETHER}::test_a_set_of_an_instance_is_no_other_set",
         ),
         (
             "steps of another kind are in the way",
@@ -1450,16 +1485,16 @@ MUTANTS = [
         ),
         (
             "moment on the second body's nodes",
-            "interface/state",
-            "else interface.at[0],",
-            "else interface.at[1],",
+            "interface/interface",
+            "return self.geometry.at[0]",
+            "return self.geometry.at[1]",
             f"{MORTAR}::test_forces_at_the_nodes_have_the_resultant_and_the_moment",
         ),
         (
             "moment of forces at the nodes' places",
             "interface/state",
-            "interface.xy if interface.at is None else interface.at[0]",
-            "interface.xy",
+            "moment(interface.places,",
+            "moment(interface.xy,",
             f"{MORTAR}::test_forces_at_the_nodes_have_the_resultant_and_the_moment",
         ),
         (
@@ -1933,8 +1968,8 @@ MUTANTS = [
         (
             "an offset opens its bond",
             "interface/interface",
-            "self.offset * self.pull if self.offset else 0.0",
-            "0.0",
+            "carried + self.offset * self.pull if self.offset else carried",
+            "carried",
             f"{BOLTS}::test_a_bar_that_is_pulled_in_the_middle",
         ),
         (
@@ -2242,7 +2277,7 @@ MUTANTS = [
         (
             "preconditioner ignores the Laplacian",
             "methods/half_space",
-            "over @ interface.laplacian @ over + ",
+            "over @ interface.geometry.laplacian @ over + ",
             "",
             "methods/test_newton.py::test_half_space_of_one_node",
         ),
@@ -2418,7 +2453,7 @@ MUTANTS = [
         ),
         (
             "what yields by rounding is pushed on",
-            "run/equilibrium",
+            "run/frames",
             "np.abs(stiffness) < MOST * size",
             "np.abs(stiffness) < np.inf",
             f"{FREE}::test_a_block_on_a_plane_is_stable",
@@ -2876,7 +2911,7 @@ MUTANTS = [
         ),
         (
             "rounding of an unloaded body is a result",
-            "run/equilibrium",
+            "run/recover",
             "np.abs(u).max() <= moved",
             "False",
             UNLOADED,
@@ -2981,6 +3016,41 @@ MUTANTS = [
             "judge/test_edges.py::test_finite_stresses_are_not_told",
         ),
         (
+            "corners of clamps are finite",
+            "judge/edges",
+            "min(square + PINNED, 1.0)",
+            "2.0",
+            "judge/test_edges.py::test_the_corner_of_a_clamped_side_is_told",
+        ),
+        (
+            "corners of clamps are infinite whatever hinders nothing",
+            "judge/edges",
+            "1.0 / (1.0 + poisson) if stress else 1.0 - poisson",
+            "0.0",
+            "judge/test_edges.py::test_the_corner_of_a_clamped_side_is_told",
+        ),
+        (
+            "a notch at a plane of symmetry is no corner",
+            "judge/edges",
+            "0.5 * (np.pi + SHARPEST)",
+            "np.pi - SHARPEST",
+            "judge/test_edges.py::test_a_notch_at_a_plane_of_symmetry_is_a_re_entrant_corner",
+        ),
+        (
+            "a single node has a pressure",
+            "judge/plausible",
+            "(zone == k).sum() == 1",
+            "False",
+            "judge/test_plausible.py::test_warnings",
+        ),
+        (
+            "rounding tells of supports",
+            "judge/plausible",
+            "_unresolved(assembly, certain, loads)",
+            "_unresolved(assembly, contacts, loads)",
+            "judge/test_plausible.py::test_warnings",
+        ),
+        (
             "flush bonds of unlike bodies are finite",
             "judge/edges",
             "bool(reentrant or flush)",
@@ -3011,14 +3081,14 @@ MUTANTS = [
         # bodies that move far
         (
             "slip is seen from where bodies were",
-            "run/equilibrium",
+            "run/frames",
             "now[second].after(then[second].undone).after(then[name])",
             "then[name]",
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
         ),
         (
             "displacements of the step before forgotten",
-            "run/equilibrium",
+            "run/frames",
             "at(points + u) - points",
             "at(points) - points",
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
@@ -3054,8 +3124,8 @@ MUTANTS = [
         (
             "rows of a turned body are along the world",
             "interface/trace",
-            "frame=interface.frame @ back",
-            "frame=interface.frame",
+            "tangents=interface.tangents @ back",
+            "tangents=interface.tangents",
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
         ),
         (
@@ -3068,8 +3138,8 @@ MUTANTS = [
         (
             "rows that were left out never close",
             "run/places",
-            "interface.beyond:] < 0.0)",
-            "interface.beyond:] < -9.0)",
+            "interface.probes.beyond:] < 0.0)",
+            "interface.probes.beyond:] < -9.0)",
             f"{FAR}::test_rows_that_stay_open_are_left_out",
         ),
         (
@@ -3082,7 +3152,7 @@ MUTANTS = [
         # frames that forces decide
         (
             "loose bodies do not fall",
-            "run/equilibrium",
+            "run/frames",
             "(far if 0.0 < far < np.inf else 0.0) * along",
             "0.0 * along",
             f"{FREE}::test_a_body_falls_until_it_touches",
@@ -3124,14 +3194,14 @@ MUTANTS = [
         ),
         (
             "nobody is told of what is not stable",
-            "run/equilibrium",
+            "run/frames",
             "if not pushed[worst] < -UNSTABLE * size:",
             "if True:",
             f"{FREE}::test_an_unstable_equilibrium_is_told_of",
         ),
         (
             "the balance of a free frame with clamps is not judged",
-            "run/equilibrium",
+            "run/recover",
             "if frame.part and name not in pushes",
             "if False",
             f"{FREE}::test_what_holds_a_free_frame_is_judged",
@@ -3440,6 +3510,34 @@ MUTANTS = [
             "[name for name in self.contacts if '/' not in name]",
             "list(self.contacts)",
             "cli/test_strangers.py::test_names_of_contacts_lead_to_no_other_folder",
+        ),
+        (
+            "arrays of a folder may lie in other files",
+            "system/hdf5",
+            "away = entry.is_virtual or bool(entry.external)",
+            "away = False",
+            "cli/test_strangers.py::test_data_in_other_files_are_not_handed_on",
+        ),
+        (
+            "a folder may link to other files",
+            "system/hdf5",
+            "away = any((isinstance(link, h5py.ExternalLink) for link in links))",
+            "away = False",
+            "cli/test_strangers.py::test_data_in_other_files_are_not_handed_on",
+        ),
+        (
+            "names are formulas",
+            "pictures/sheet",
+            "'text.parse_math': False",
+            "'text.parse_math': True",
+            "cli/test_strangers.py::test_names_are_no_formulas",
+        ),
+        (
+            "what a command prints controls a terminal",
+            "cli/commands",
+            "logs.encodable(logs.printable(text.getvalue()), sys.stdout)",
+            "logs.encodable(text.getvalue(), sys.stdout)",
+            "cli/test_strangers.py::test_a_deck_controls_no_terminal",
         ),
         (
             "a small file may stand for any array",
