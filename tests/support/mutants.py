@@ -3394,8 +3394,8 @@ MUTANTS = [
         (
             "contacts are proposed where nothing is near",
             "check/nearby",
-            "distance_to(middle[some], body.at)[1]",
-            "distance_to(middle[some], body.at)[0]",
+            "distance_to(self.middle[some], body.at)[1]",
+            "distance_to(self.middle[some], body.at)[0]",
             "check/test_check.py::test_contacts_that_are_missing_are_proposed",
         ),
         (
