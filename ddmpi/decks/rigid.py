@@ -166,17 +166,15 @@ class RigidSets:
         return ""
 
     def _surface(self, faces: Sequence[Face]) -> dict[str, Any]:
-        """The surface of a rigid partner: of one flat face in space its plane, which pictures show; else none."""
+        """The surface of a rigid partner: of one flat face in space its plane, which pictures show; else none, as of two
+        faces, also parallel ones of one body, of which a plane would meet one alone."""
         (piece, facets), *others = faces
-        normal = piece.outward(facets)
-        if (
-            others
-            or len(normal) < 3
-            or np.abs(np.abs(piece.normals(facets) @ normal) - 1.0).max() > EXACT
-        ):
+        normal, places = piece.outward(facets), piece.facets[facets]
+        points = piece.points[places[places >= 0]]
+        off = np.abs((points - points[0]) @ normal).max()
+        if others or len(normal) < 3 or off > EXACT * np.ptp(points, axis=0).max():
             return {"shape": "node"}
-        point = piece.points[piece.facets[facets[0], 0]].tolist()
-        return {"shape": "plane", "point": point, "normal": (-normal).tolist()}
+        return {"shape": "plane", "point": points[0].tolist(), "normal": (-normal).tolist()}
 
     def _spread(
         self,
