@@ -29,15 +29,10 @@ from ddmpi.methods.outer import ENDS, Outer, Report, Step, check_promises, no_re
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import (
-    at_contacts,
-    describe_drift,
-    displaced,
-    driven_partners,
-    look_for_mechanism,
-)
+from ddmpi.run.equilibrium import describe_drift, look_for_mechanism
 from ddmpi.run.held import Held, HeldMotion, beyond_meshes, judge_held, motions_to_hold, slides
 from ddmpi.run.least import least_motion
+from ddmpi.run.recover import at_contacts, displaced, driven_partners
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import agreed, gathered
@@ -554,7 +549,7 @@ class Iteration:
             )
             if near[0][0] is not None:
                 # the gap at points between the nodes, where the discrete conditions promise nothing
-                beyond = interface.carried(probes.moved(0, points[interface.bodies[0]]))
+                beyond = interface.partner.carried(probes.moved(0, points[interface.bodies[0]]))
                 between = (
                     probes.opening(interface.scale)
                     + np.einsum("qd,qd->q", probes.normal, beyond)
@@ -568,8 +563,8 @@ class Iteration:
                         sum(along for _, along, _ in near)
                         - np.einsum(
                             "mcd,md->mc",
-                            interface.frame[:, 1:],
-                            interface.carried(interface.places),
+                            interface.tangents,
+                            interface.partner.carried(interface.places),
                         ),
                         slid.get(interface.name, 0.0),
                     )
