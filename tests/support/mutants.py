@@ -563,6 +563,13 @@ MUTANTS = [
             f"{TOGETHER}::test_a_reference_node_of_several_faces_is_one_rigid_body",
         ),
         (
+            "parallel faces are one plane",
+            "decks/rigid",
+            "off = np.abs((points - points[0]) @ normal).max()",
+            "off = 0.0",
+            f"{TOGETHER}::test_two_ends_of_a_body_are_one_rigid_body",
+        ),
+        (
             "each of several spread sets has the whole force",
             "decks/rigid",
             "len(sets) > 1 and any((one.spread for one in sets))",
