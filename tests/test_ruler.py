@@ -10,16 +10,10 @@ COMPLEX = {
     "coupling/joint:FarMember.__init__": 21,
     "coupling/joint:Joint.__init__": 18,
     "coupling/ranks:WorkingRanks.work": 17,
-    "judge/overlap:doubt_overlaps": 20,
     "methods/newton:Newton._iterate": 21,
     "methods/newton:Newton.run": 20,
-    "results/fields:write_fields": 18,
-    "results/histories:at_step": 25,
     "run/answer:Model.solve": 16,
     "run/places:FarMarch._settle": 24,
-    "run/report:log_plan": 23,
-    "run/run:compute": 21,
-    "run/solve:Iteration.conclude": 18,
     "run/solve:Iteration.solve": 17,
     "run/steps:March._refine": 16,
 }
@@ -28,10 +22,7 @@ COMPLEX = {
 LONG = {
     "coupling/assembly:prepare": 224,
     "coupling/joint:Joint.__init__": 61,
-    "results/histories:at_step": 101,
     "run/places:FarMarch._settle": 76,
-    "run/solve:Iteration._contacts": 63,
-    "run/solve:Iteration.conclude": 68,
     "run/steps:March._accept": 71,
 }
 """Functions of the program beyond `ruler.MOST_LINES`, with the lines of their bodies. Numbers only fall."""
