@@ -852,14 +852,14 @@ MUTANTS = [
         (
             "a part is meshed with all others",
             "mesh/boundary",
-            "gmsh.model.removeEntities([(d, tag) for tag in names if tag != meant[0]], recursive=True)",
+            "model.removeEntities([(d, tag) for tag in names if tag != kept], recursive=True)",
             "pass",
             f"{PARTS}::test_a_part_of_an_assembly_by_name_and_number",
         ),
         (
             "a part forgets its groups",
             "mesh/boundary",
-            "gmsh.model.addPhysicalGroup(k, tags, group, name)",
+            "model.addPhysicalGroup(k, tags, group, name)",
             "pass",
             f"{PARTS}::test_parts_of_a_script",
         ),
