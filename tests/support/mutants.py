@@ -203,6 +203,13 @@ MUTANTS = [
             "mesh/test_lost_nodes.py::test_numbers_out_of_range_are_refused_in_every_format",
         ),
         (
+            "a warning of numpy ends a run",
+            "mesh/nodes",
+            "except (ValueError, IndexError, KeyError, Warning)",
+            "except (ValueError, IndexError, KeyError, DeprecationWarning)",
+            "mesh/test_lost_nodes.py::test_numbers_that_no_integer_is_end_in_a_message",
+        ),
+        (
             "two nodes may have one number",
             "mesh/nodes",
             "if (count > 1).any():",
