@@ -175,12 +175,12 @@ def _look(body: Body, unit: str) -> Looked:
     if len(loads) > 1:
         words.append(f"loads in all: {_force(mesh, '', np.sum([f for *_, f in loads], axis=0))}")
     words.append(
-        f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})"
+        f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.body.kind]} ({member.body.reason})"
     )
-    dense = member.kind == "explicit"
+    dense = member.body.kind == "explicit"
     memory = (
         memory_of_multigrid(member.elasticity.A)
-        if member.kind == "iterative"
+        if member.body.kind == "iterative"
         else memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense)
         + dense * 8.0 * member.size**2
     )

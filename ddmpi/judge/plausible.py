@@ -152,7 +152,7 @@ def doubt_answer(
         carried = state.interface.carried(state.interface.places)
         other, largest_of_other = (second[0] + carried, second[1]) if second else (carried, 0.0)
         largest = max(largest, largest_of_other)
-        slid = [] if assembly.far else _far_slip(assembly, state, first - other)
+        slid = [] if assembly.frames else _far_slip(assembly, state, first - other)
         warnings = [
             *slid,
             *_overlap_between(here, state, largest),
@@ -183,7 +183,7 @@ def doubt_answer(
 def _left(assembly: Assembly, state: ContactState) -> Iterator[str]:
     """That bodies that move far have left each other, where they do not face each other any more."""
     interface = state.interface
-    if assembly.far is not None and not interface.m:
+    if assembly.frames and not interface.m:
         yield Doubt(
             f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other; the contact "
             "carries no forces",
@@ -408,7 +408,7 @@ def _of_forces(assembly: Assembly, state: ContactState, moved: float) -> list[st
     """Warnings of forces that rounding of displacements up to `moved` (m) decides, else of pressures on too few nodes: a
     finer mesh resolves no rounding."""
     rounding = [*_lost_in_rounding(state, moved, assembly.scene.units)]
-    return rounding or [*(_few_nodes(state) if assembly.far else _unresolved_zone(state))]
+    return rounding or [*(_few_nodes(state) if assembly.frames else _unresolved_zone(state))]
 
 
 def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str]) -> Iterator[str]:

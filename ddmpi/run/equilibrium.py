@@ -492,11 +492,11 @@ def _in_world(entry: dict, frame: Frame) -> dict:
 
 def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, float]]:
     """The sizes of driven partners, and of free frames with clamps, which are bodies without elasticity. Collective."""
-    joint, far, pushes = assembly.joint, assembly.far, assembly.pushes
+    joint, pushes = assembly.joint, assembly.pushes
     # what clamps hold in a free frame balances by itself; the whole of it, with its clamps, by contacts and loads
     held = {
         name: lambda interface, name=name: name in interface.bodies
-        for name, frame in (far.free if far else {}).items()
+        for name, frame in assembly.free.items()
         if frame.part and name not in pushes
     }
     unbalanced = joint.imbalance(outer.forces, outer.motions) if joint.driven or held else joint.e
@@ -552,8 +552,7 @@ def began(
     displacements (nv, d) in its frame of now (m): seen from the frame of the second body, which is where it is now. Not
     collective."""
     starts, now = {}, assembly.frames
-    assert assembly.far
-    for contact in assembly.far.contacts:
+    for contact in assembly.contacts:
         if name in contact.bodies:
             second = contact.bodies[1]
             carried = now[second].after(then[second].undone).after(then[name])
@@ -570,7 +569,7 @@ def way_down(assembly: Assembly) -> np.ndarray:
         np.zeros(assembly.joint.rigid.size),
         np.inf,
     )
-    for name, frame in assembly.far.free.items() if assembly.far else ():
+    for name, frame in assembly.free.items():
         shifts = slice(joint.slices[name].start, joint.slices[name].start + len(frame.axes))
         along[shifts] = joint.e[shifts]
     closing = joint.rigid.spread(along)

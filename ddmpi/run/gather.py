@@ -14,6 +14,7 @@ from mpi4py import MPI
 from ddmpi.body.estimate import DiscretizationError, nodal_stress
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.coupling.far import Placement
 from ddmpi.coupling.ranks import team_of
 from ddmpi.errors import OutputError
 from ddmpi.interface.state import ContactState, ContactTotals
@@ -84,10 +85,12 @@ class StepLog:
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     derived : the derivatives at the end of the last leg, of results and of arrays, as of `ddmpi.derive.entries_of`;
         and by key why there is none
+    places : of bodies that move far, where they are at the end of each step, by time
     """
 
     def __init__(self) -> None:
         self.doubts = dict[str, Doubt]()
+        self.places = dict[float, Placement]()
         self.derived: tuple[dict[str, Any], ...] = {}, {}, {}
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
         self.run, self.change = 0, math.nan
@@ -457,11 +460,11 @@ def write_files(
                     write_steps(path, solved.steps.steps)
                     if scene.time:
                         write_energies(path, solved.steps.energies, solved.steps.steps)
-                    if solved.assembly.far:
+                    if scene.far:
                         write_frames(
                             path,
                             [
-                                (step["time"], solved.assembly.far.frames(scene, step["time"]))
+                                (step["time"], solved.steps.places[step["time"]].frames)
                                 for step in solved.steps.steps
                             ],
                         )
@@ -510,8 +513,8 @@ def _write_steps(path: Path, solved: Solved) -> list[Leg]:
     told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
     for number, (time, s, alpha, *values) in enumerate(steps.kept):
         states, last = solved.solution.states, time == solved.solution.time
-        if assembly.far and not last:  # bodies meet elsewhere
-            assembly = assembly.meet(time)
+        if steps.places and not last:  # bodies meet elsewhere
+            assembly = assembly.meet(steps.places[time])
             joint, states = (
                 assembly.joint,
                 {
@@ -564,7 +567,7 @@ def _write_steps(path: Path, solved: Solved) -> list[Leg]:
                     world,
                     number,
                     {name: table_fields(state, True) for name, state in states.items()}
-                    if assembly.far
+                    if steps.places
                     else None,
                 )
     return legs
