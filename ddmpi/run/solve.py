@@ -284,18 +284,9 @@ class Iteration:
 
         Collective. Raises as the function `solve`.
         """
-        assembly, method, outer = self.assembly, self.method, self.outer
         while True:
-            try:
-                with self.clock.phase("outer"):
-                    stopped = "mechanism" if mechanism else self._stopped or self._iterated()
-            except SolverError as error:
-                if self.given > method.tolerance:
-                    error.args = (
-                        f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
-                        f"{method.tolerance:g}: leave that option out",
-                    )
-                raise
+            with self.clock.phase("outer"):
+                stopped = "mechanism" if mechanism else self._stopped or self._iterated()
             self._stopped = stopped
             self._note()  # results follow from here, whatever prevents them from being written
             with self.clock.phase("recover"):
@@ -304,15 +295,7 @@ class Iteration:
             if driven == "released":
                 continue
             solution = replace(solution, held=held)
-            worst = max(value for value, _ in solution.certificate.worst().values())
-            least, useless, steps = self._judged
-            useless = 0 if worst < USEFUL * least else useless + (len(outer.history) > steps)
-            self._judged = min(worst, least), useless, len(outer.history)
-            hopeless = (
-                useless >= USELESS
-                or self._tolerance < sys.float_info.epsilon
-                or (solution.unbalanced and not assembly.loose)
-            )
+            hopeless = self._hopeless(solution)
             if isinstance(driven, Mechanism):
                 return replace(solution, mechanism=driven, stopped="mechanism")
             if stopped != "converged" or solution.certified or hopeless:
@@ -332,11 +315,32 @@ class Iteration:
 
     def _iterated(self) -> str:
         """Why the outer method has ended, which a checkpoint keeps together with the least motion. Collective."""
-        outer = self.outer
-        stopped = self._kept(outer.run(self._tolerance))
-        if stopped == "converged" and isinstance(outer, Newton):
-            least_motion(self.assembly, outer, self._before, self._tolerance)
+        outer, tolerance = self.outer, self.method.tolerance
+        try:
+            stopped = self._kept(outer.run(self._tolerance))
+            if stopped == "converged" and isinstance(outer, Newton):
+                least_motion(self.assembly, outer, self._before, self._tolerance)
+        except SolverError as error:
+            if self.given > tolerance:
+                error.args = (
+                    f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
+                    f"{tolerance:g}: leave that option out",
+                )
+            raise
         return stopped
+
+    def _hopeless(self, solution: Solution) -> bool:
+        """Whether a tighter tolerance is useless after a solution, which is noted."""
+        worst = max(value for value, _ in solution.certificate.worst().values())
+        least, useless, steps = self._judged
+        now = len(self.outer.history)
+        useless = 0 if worst < USEFUL * least else useless + (now > steps)
+        self._judged = min(worst, least), useless, now
+        return (
+            useless >= USELESS
+            or self._tolerance < sys.float_info.epsilon
+            or (solution.unbalanced and not self.assembly.loose)
+        )
 
     def _concluded(
         self,
@@ -457,37 +461,16 @@ class Iteration:
         )
         now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
         load, energy, work, now = world.bcast((load, energy, work, now))
-
-        mismatch, interfaces = outer.mismatch, joint.placed(outer.motions)
-        if assembly.outer is not None:  # what a method from outside says of itself is no evidence
-            seen = assembly.exchange.spread(outer.forces)
-            apart = [s - mine for s, mine in zip(seen, outer.body_forces(), strict=True)]
-            mismatch = np.hypot(*assembly.exchange.collect(apart, "mismatch"))
-        prescribed = np.concatenate(
-            [np.empty(0), *(interface.prescribed for interface in interfaces)]
-        )
+        interfaces = joint.placed(outer.motions)
+        moved = np.concatenate([np.empty(0), *(interface.prescribed for interface in interfaces)])
+        mismatch = self._mismatch()
         with event("Certificate"):
             states, judged = self._contacts(
                 interfaces, both, beside, since, (load, now, largest[1:].tolist()), mismatch
             )
         forces = [0.0, *(float(np.abs(state.forces).max(initial=0.0)) for state in states.values())]
         force = world.allreduce(max(forces), MPI.MAX)
-        # the owner of a contact tells its totals to the ranks of both bodies, and to the first rank those of all
-        told = assembly.exchange.swap_objects(
-            {
-                (name, side): judged.get(name)
-                for name, *_ in assembly.exchange.ends
-                for side in (0, 1)
-            }
-        )
-        known = {name: one or other for name, (one, other) in told.items()} | gathered(
-            world, judged
-        )
-        contacts = {
-            contact.name: known[contact.name]
-            for contact in assembly.scene.contact
-            if contact.name in known
-        }
+        contacts = self._told(judged)
         certificate = Certificate(
             {name: residuals for name, (_, residuals) in contacts.items()},
             {
@@ -505,12 +488,34 @@ class Iteration:
             outer,
             self.statuses,
             self.given,
-            moved=both[0] + both[1] + prescribed,
-            prescribed=prescribed,
+            moved=both[0] + both[1] + moved,
+            prescribed=moved,
             energy=energy,
             sizes=np.array([force, *now]),
             work=work,
         )
+
+    def _mismatch(self) -> np.ndarray:
+        """(size,) as of `Outer` (N); what a method from outside says of itself is no evidence. Collective."""
+        assembly, outer = self.assembly, self.outer
+        if assembly.outer is None:
+            return outer.mismatch
+        seen = assembly.exchange.spread(outer.forces)
+        apart = [s - mine for s, mine in zip(seen, outer.body_forces(), strict=True)]
+        return np.hypot(*assembly.exchange.collect(apart, "mismatch"))
+
+    def _told(
+        self, judged: Mapping[str, tuple[ContactTotals, ContactResiduals]]
+    ) -> dict[str, tuple[ContactTotals, ContactResiduals]]:
+        """What was `judged` by the owners of contacts, also on the ranks of both bodies, and of all contacts on the
+        first rank. Collective."""
+        assembly = self.assembly
+        ends = [(name, side) for name, *_ in assembly.exchange.ends for side in (0, 1)]
+        told = assembly.exchange.swap_objects({end: judged.get(end[0]) for end in ends})
+        known = {name: one or other for name, (one, other) in told.items()}
+        known |= gathered(assembly.world, judged)
+        names = [contact.name for contact in assembly.scene.contact]
+        return {name: known[name] for name in names if name in known}
 
     def _contacts(
         self,
@@ -537,43 +542,18 @@ class Iteration:
             {},
         )
         forces = outer.forces
-        states, judged, points = (
-            {},
-            {},
-            {body.spec.name: body.mesh.points for body in self.assembly.bodies},
-        )
+        states, judged = {}, {}
+        points = {body.spec.name: body.mesh.points for body in self.assembly.bodies}
         for interface, part, bound in zip(
             interfaces, space.parts.values(), space.laws.bounds(outer.bound), strict=False
         ):
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
-            probes, near, between, slides = (
-                interface.probes,
-                list(filter(None, beside[interface.name])),
-                None,
-                None,
-            )
+            near = [motion for motion in beside[interface.name] if motion]
+            between, slides = None, None
             if near[0][0] is not None:
-                # the gap at points between the nodes, where the discrete conditions promise nothing
-                beyond = interface.carried(probes.moved(0, points[interface.bodies[0]]))
-                between = (
-                    probes.opening(interface.scale)
-                    + np.einsum("qd,qd->q", probes.normal, beyond)
-                    - sum(closing for closing, *_ in near)
-                )
-                # without friction the unknowns have no tangential part; slip is that of the bodies beside the nodes
-                slides = (
-                    None
-                    if not interface.law.frictionless
-                    else (
-                        sum(along for _, along, _ in near)
-                        - np.einsum(
-                            "mcd,md->mc",
-                            interface.frame[:, 1:],
-                            interface.carried(interface.places),
-                        ),
-                        slid.get(interface.name, 0.0),
-                    )
-                )
+                between = _between(interface, near, points[interface.bodies[0]])
+                if interface.law.frictionless:
+                    slides = _slides(interface, near), slid.get(interface.name, 0.0)
             yielding = max(elastic for *_, elastic in near)
             state = states[interface.name] = contact_state(
                 interface,
@@ -593,6 +573,26 @@ class Iteration:
                 ),
             )
         return states, judged
+
+
+def _between(interface: Interface, near: Sequence[tuple], points: np.ndarray) -> np.ndarray:
+    """The gap at points between the nodes (m), where the discrete conditions promise nothing, by the motions `near`
+    them; `points` (nv, d) are of the first body."""
+    probes = interface.probes
+    beyond = interface.carried(probes.moved(0, points))
+    return (
+        probes.opening(interface.scale)
+        + np.einsum("qd,qd->q", probes.normal, beyond)
+        - sum(closing for closing, *_ in near)
+    )
+
+
+def _slides(interface: Interface, near: Sequence[tuple]) -> np.ndarray:
+    """The slip (m, d − 1) of a contact without friction, whose unknowns have no tangential part: that of the bodies
+    beside the nodes (m)."""
+    carried = interface.carried(interface.places)
+    along = np.einsum("mcd,md->mc", interface.frame[:, 1:], carried)
+    return sum(moved for _, moved, _ in near) - along
 
 
 def solve(
