@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -53,6 +53,9 @@ from ddmpi.system.numbers import Frame, in_words
 
 NO_SIZES: Mapping[str, Sizes] = {}
 
+Drawn = tuple[Interface, list[str]]
+"""An interface as drawn, with warnings."""
+
 REUSED = {
     "mesh": ["mesh"],
     "stiffness": ["stiffness"],
@@ -97,7 +100,6 @@ class Assembly:
         their frames, by contact, None for a rigid partner
     free : the free components of the frames of all bodies and rigid partners, by name
     placement : where the bodies are
-    start : makes the forces (size,) in N, gaps (size,) and motions of loose bodies in m to begin with, or is None
     outer : the class of an outer method from outside the package, or None
     """
 
@@ -115,7 +117,6 @@ class Assembly:
     sides: Mapping[str, BothSides]
     free: Mapping[str, FreeFrame]
     placement: Placement
-    start: Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
     outer: Callable[..., object] | None = None
 
     def meet(self, placement: Placement) -> Assembly:
@@ -185,45 +186,48 @@ class Assembly:
         return [name for name, motions in self.joint.slices.items() if motions.stop > motions.start]
 
 
+@dataclass
+class Part:
+    """A body of this rank before it is factored: its number in the scene, its specification, and its contacts, each with
+    the body's side, 0 or 1; then its mesh, its discrete problem, and its sides in the order of the contacts."""
+
+    number: int
+    spec: SettledBody
+    touching: list[tuple[SettledContact, int]]
+    mesh: Mesh = field(init=False)
+    problem: Elasticity = field(init=False)
+    sides: list[Side] = field(default_factory=list)
+
+
 @dataclass(frozen=True)
 class Share:
-    """What of a scene a rank has, before anything is made of it.
-
-    Attributes
-    ----------
-    exchange : between the bodies
-    bodies : of this rank, in the order of the scene
-    touching : their contacts, each with their side there, 0 or 1, by body
-    contacts : of this rank's bodies, in the order of the scene
-    kept : stages of earlier cases
-    team : the ranks of the body, where bodies have several
-    """
+    """What of a scene a rank has: its bodies, and their contacts in the order of the scene."""
 
     scene: Settled
     exchange: Exchange
-    bodies: Sequence[SettledBody]
-    touching: Mapping[str, Sequence[tuple[SettledContact, int]]]
+    parts: Sequence[Part]
     contacts: Sequence[SettledContact]
     kept: Kept
-    team: Team | None
 
     @classmethod
     def of(cls, world: MPI.Comm, scene: Settled, kept: Kept) -> Share:
-        """That of this rank. Not collective."""
+        """That of this rank, before any work. Not collective."""
         homes = homes_of([body.name for body in scene.body], world)
-        bodies = [body for body in scene.body if homes[body.name] == world.rank]
-        touching: dict[str, list[tuple[SettledContact, int]]] = {body.name: [] for body in bodies}
+        parts = {
+            body.name: Part(number, body, [])
+            for number, body in enumerate(scene.body)
+            if homes[body.name] == world.rank
+        }
         contacts, ends = [], []
         for contact in scene.contact:
-            if touching.keys().isdisjoint(contact.bodies):
-                continue
             for side, name in enumerate(contact.bodies):
-                if name in touching:
-                    touching[name].append((contact, side))
-            first, second = contact.bodies
-            contacts.append(contact)
-            ends.append(Ends(contact.name, homes[first], homes.get(second, homes[first])))
-        return cls(scene, Exchange(world, ends), bodies, touching, contacts, kept, team_of(world))
+                if name in parts:
+                    parts[name].touching.append((contact, side))
+            if not parts.keys().isdisjoint(contact.bodies):
+                first, second = contact.bodies
+                contacts.append(contact)
+                ends.append(Ends(contact.name, homes[first], homes.get(second, homes[first])))
+        return cls(scene, Exchange(world, ends), [*parts.values()], contacts, kept)
 
 
 def prepare(
@@ -259,15 +263,15 @@ def prepare(
     kept.begin(conditions())
     share = Share.of(world, scene, kept)
     with clock.phase("mesh"), agreed(world):
-        meshes = mesh_bodies(share, folder, sizes)
+        mesh_bodies(share, folder, sizes)
     with clock.phase("assemble"):
         with agreed(world):
-            problems, mine = assemble_bodies(share, meshes)
+            mine = assemble_bodies(share)
         # Sides are small. The ranks of both bodies get both of them and compute the same interface, bit for bit.
         sides = share.exchange.swap_objects(mine)
-        drawn = {} if scene.far else meet_as_drawn(share, problems, sides, refinement)
+        drawn = {} if scene.far else meet_as_drawn(share, sides, refinement)
     with clock.phase("factor"):
-        bodies = plan_bodies(share, meshes, problems, mine, drawn, factor)
+        bodies = plan_bodies(share, drawn, team if factor else None)
         with agreed(world):
             # factors are most of the memory: those that are not used again are freed before others are made
             kept.expect("compliance", {body.name: body.depends(kept) for body in bodies})
@@ -282,20 +286,19 @@ def prepare(
         placement = Placement(frames=frames_of(scene, 0.0))
         met = meet_far(world, scene, contacts, sides, placement)
     joint = _couple(scene, share.exchange, bodies, met, placement.frames, free)
-    numbers = [body.name for body in scene.body]
     return Assembly(
         world,
         scene,
         tuple(
-            Body(numbers.index(member.name), spec, meshes[member.name], member)
-            for spec, member in zip(share.bodies, joint.members, strict=True)
+            Body(part.number, part.spec, part.mesh, member)
+            for part, member in zip(share.parts, joint.members, strict=True)
         ),
         joint.space,
         share.exchange,
         joint,
-        world.allreduce(sum(problem.n for problem in problems.values())),
+        world.allreduce(sum(part.problem.n for part in share.parts)),
         world.allreduce(sum(interface.m for interface in joint.space.interfaces)),
-        _doubts(share, problems, drawn),
+        _doubts(share, drawn),
         _reused(kept),
         contacts,
         sides,
@@ -304,46 +307,33 @@ def prepare(
     )
 
 
-def mesh_bodies(share: Share, folder: Path, sizes: Mapping[str, Sizes]) -> dict[str, Mesh]:
-    """The meshes of this rank's bodies, which have the groups of their contacts. Not collective. Raises InputError and
+def mesh_bodies(share: Share, folder: Path, sizes: Mapping[str, Sizes]) -> None:
+    """Mesh this rank's bodies, so that they have the groups of their contacts. Not collective. Raises InputError and
     InterruptionError."""
-    meshes = {}
-    for spec in share.bodies:
-        touching = share.touching[spec.name]
-        groups = [contact.on[side] for contact, side in touching]
-        meshes[spec.name] = _mesh(
-            share.scene, spec, folder, groups, sizes.get(spec.name), share.kept
-        )
-        for contact, side in touching:
+    for part in share.parts:
+        part.mesh = _mesh(share, part, folder, sizes.get(part.spec.name))
+        for contact, side in part.touching:
             with naming(f"contact.{contact.name}.on"):
-                meshes[spec.name].facets(contact.on[side])
+                part.mesh.facets(contact.on[side])
         interrupt.check()
-    return meshes
 
 
-def assemble_bodies(
-    share: Share, meshes: Mapping[str, Mesh]
-) -> tuple[dict[str, Elasticity], dict[tuple[str, int], Side]]:
-    """Stiffness and loads of this rank's bodies, and their sides by contact and number. Not collective. Raises
+def assemble_bodies(share: Share) -> dict[tuple[str, int], Side]:
+    """Find stiffness, loads and sides of this rank's bodies; the sides by contact and number. Not collective. Raises
     InputError and InterruptionError."""
-    problems, sides = {}, {}
-    for spec in share.bodies:
-        mesh, touching = meshes[spec.name], share.touching[spec.name]
-        problems[spec.name] = _assemble(mesh, spec, touching, share.kept)
-        for contact, side in touching:
-            sides[contact.name, side] = _side(
-                mesh, problems[spec.name], spec, contact, side, touching, share.kept
-            )
+    sides = {}
+    for part in share.parts:
+        part.problem = _assemble(part, share.kept)
+        for contact, side in part.touching:
+            sides[contact.name, side] = _side(part, contact, side, share.kept)
+            part.sides.append(sides[contact.name, side])
         interrupt.check()
-    return problems, sides
+    return sides
 
 
 def meet_as_drawn(
-    share: Share,
-    problems: Mapping[str, Elasticity],
-    sides: Mapping[str, BothSides],
-    refinement: int,
-) -> dict[str, tuple[Interface, list[str]]]:
+    share: Share, sides: Mapping[str, BothSides], refinement: int
+) -> dict[str, Drawn]:
     """The interfaces of this rank's contacts where bodies are drawn, with warnings. Collective. Raises InputError."""
     scene, world = share.scene, share.exchange.world
     with agreed(world):
@@ -357,79 +347,46 @@ def meet_as_drawn(
             joined[contact.name] = _join(
                 scene, contact, sides[contact.name], bodies, factors, refinement, share.kept
             )
-        _check_method(scene, problems, [interface for interface, _ in joined.values()])
+        _check_method(share, [interface for interface, _ in joined.values()])
     return kept_by_bonds(scene, joined, world)
 
 
-def _memory(share: Share) -> float:
-    """The memory (bytes) that each body of this rank may take. Collective."""
-    # the bodies of all ranks on a machine share its memory evenly; a team has the memory of all its machines
-    world, kept, team = share.exchange.world, share.kept, share.team
-    if team:
-        with agreed(world):
-            return kept.memory(lambda: team.do("room"))
-    return kept.memory(free_memory) / (ranks_beside(world) * max(len(share.bodies), 1))
-
-
-def _shared(share: Share, spec: SettledBody, mesh: Mesh, problem: Elasticity) -> Elasticity:
-    """The problem of a body, whose stiffness its ranks share if it has several. Collective on the body's
-    communicator."""
-    team = share.team
-    if not team or team.comm.size == 1:
-        return problem
-    points = mesh.points[problem.nodes]
-    whole = partial(assemble, mesh, spec)
-    matrix = share.kept.get(
-        "matrix",
-        spec.name,
-        share.kept.key("stiffness", spec.name),
-        partial(TeamMatrix, team, problem, points, whole),
-    )
-    return replace(problem, A=matrix)
-
-
-def plan_bodies(
-    share: Share,
-    meshes: Mapping[str, Mesh],
-    problems: Mapping[str, Elasticity],
-    sides: Mapping[tuple[str, int], Side],
-    drawn: Mapping[str, tuple[Interface, list[str]]],
-    factor: bool,
-) -> list[Factored]:
-    """This rank's bodies with their candidates, before any is factored: of those that move far all nodes of their
-    `sides`, of others the rows of their interfaces as `drawn`. Collective. Raises InputError."""
-    bodies, memory = list[Factored](), _memory(share)
-    with agreed(share.exchange.world):
-        for spec in share.bodies:
-            mesh, problem = meshes[spec.name], problems[spec.name]
-            touching = share.touching[spec.name]
-            if factor:
-                problem = _shared(share, spec, mesh, problem)
-            if share.scene.far:
-                faces = [sides[contact.name, side] for contact, side in touching]
-                bodies.append(Framed(problem, share.scene, mesh, spec, faces, memory))
-            else:
-                ours = Sides(spec.name, [drawn[contact.name][0] for contact, _ in touching])
-                bodies.append(_as_drawn(share.scene, ours, mesh, problem, memory))
+def plan_bodies(share: Share, drawn: Mapping[str, Drawn], team: Team | None) -> list[Factored]:
+    """This rank's bodies with their candidates, before any is factored, by the ranks of a `team` if there is one: of
+    those that move far all nodes of their sides, of others the rows of their interfaces as `drawn`. Collective. Raises
+    InputError."""
+    scene, kept, world = share.scene, share.kept, share.exchange.world
+    bodies, histories = list[Factored](), [None, *scene.followed]
+    memory = _memory(share, team_of(world))
+    # time.tolerance takes 1 and 2 load steps at least; iterations of the published method take ten times the products
+    steps = len(scene.legs) * (scene.time.steps or 3) if scene.time else 1
+    solves = steps * (10 if scene.method.by_body else 1)
+    with agreed(world):
+        for part in share.parts:
+            name, mesh, problem = part.spec.name, part.mesh, part.problem
+            points = mesh.points[problem.nodes]
+            if team and team.comm.size > 1:
+                whole = partial(assemble, mesh, part.spec)
+                make = partial(TeamMatrix, team, problem, points, whole)
+                matrix = kept.get("matrix", name, kept.key("stiffness", name), make)
+                problem = replace(problem, A=matrix)
+            if scene.far:
+                bodies.append(Framed(problem, scene, mesh, part.spec, part.sides, memory))
+                continue
+            ours = Sides(name, [drawn[contact.name][0] for contact, _ in part.touching])
+            kind, B = scene.method.compliance, ours.rows(problem)
+            bodies.append(Factored(name, problem, B, kind, memory, histories, points, solves))
     return bodies
 
 
-def _as_drawn(
-    scene: Settled, sides: Sides, mesh: Mesh, problem: Elasticity, memory: float
-) -> Factored:
-    """A body whose candidates are the rows of its interfaces. Not collective."""
-    # time.tolerance takes 1 and 2 load steps at least; iterations of the published method take ten times the products
-    steps = len(scene.legs) * (scene.time.steps or 3) if scene.time else 1
-    return Factored(
-        sides.name,
-        problem,
-        sides.rows(problem),
-        scene.method.compliance,
-        memory,
-        [None, *scene.followed],
-        mesh.points[problem.nodes],
-        steps * (10 if scene.method.by_body else 1),
-    )
+def _memory(share: Share, team: Team | None) -> float:
+    """The memory (bytes) that each body of this rank may take. Collective."""
+    # the bodies of all ranks on a machine share its memory evenly; a team has the memory of all its machines
+    world, kept = share.exchange.world, share.kept
+    if team:
+        with agreed(world):
+            return kept.memory(lambda: team.do("room"))
+    return kept.memory(free_memory) / (ranks_beside(world) * max(len(share.parts), 1))
 
 
 def _couple(
@@ -460,17 +417,11 @@ def _couple(
     return Joint(members, exchange, space, [None, *scene.followed], driven, scene.far)
 
 
-def _mesh(
-    scene: Settled,
-    spec: SettledBody,
-    folder: Path,
-    contacts: Sequence[str],
-    sizes: Sizes | None,
-    kept: Kept,
-) -> Mesh:
+def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
     """The mesh of a body, which depends on what the scene says of it and on the content of its file, and resolves the
     groups on which something acts. Not collective. Raises InputError."""
-    file = content(spec, folder)
+    scene, spec, kept = share.scene, part.spec, share.kept
+    file, contacts = content(spec, folder), [contact.on[side] for contact, side in part.touching]
     depends = (
         spec.mesh,
         kept.key("file", spec.name) if file is None else file,
@@ -488,14 +439,12 @@ def _mesh(
     )
 
 
-def _assemble(
-    mesh: Mesh, spec: SettledBody, touching: Sequence[tuple[SettledContact, int]], kept: Kept
-) -> Elasticity:
+def _assemble(part: Part, kept: Kept) -> Elasticity:
     """The discrete problem of a body, which warns of a mesh, of a file or a drawing, whose cells are not connected as
-    they look. `touching` are its contacts. Not collective. Raises InputError."""
-    seam = None
+    they look. Not collective. Raises InputError."""
+    seam, mesh, spec = None, part.mesh, part.spec
     if not spec.mesh.shape:
-        groups = {contact.on[side] for contact, side in touching}
+        groups = {contact.on[side] for contact, side in part.touching}
         groups |= {acting.on for name, acting in spec.acting if name != "clamp"}
         depends = kept.key("mesh", spec.name), sorted(groups)
         seam = kept.get("seam", spec.name, depends, lambda: find_seam(mesh, groups, spec.name))
@@ -515,14 +464,12 @@ def _reused(kept: Kept) -> dict[str, list[str]]:
     }
 
 
-def _doubts(
-    share: Share,
-    problems: Mapping[str, Elasticity],
-    drawn: Mapping[str, tuple[Interface, list[str]]],
-) -> list[str]:
+def _doubts(share: Share, drawn: Mapping[str, Drawn]) -> list[str]:
     """All warnings about a scene, those of bodies first; one line for each kind. Collective."""
     scene, world = share.scene, share.exchange.world
-    by_body = {name: problem.warnings for name, problem in problems.items() if problem.warnings}
+    by_body = {
+        part.spec.name: part.problem.warnings for part in share.parts if part.problem.warnings
+    }
     by_contact = {name: warnings for name, (_, warnings) in drawn.items() if warnings}
     of_bodies, of_contacts = gathered(world, by_body), gathered(world, by_contact)
     told = [warning for body in scene.body for warning in of_bodies.get(body.name, ())]
@@ -556,18 +503,10 @@ def _idle(scene: Settled) -> list[str]:
     return idle
 
 
-def _side(
-    mesh: Mesh,
-    elasticity: Elasticity,
-    spec: SettledBody,
-    contact: SettledContact,
-    side: int,
-    touching: Sequence[tuple[SettledContact, int]],
-    kept: Kept,
-) -> Side:
-    """The side of a body on a contact, one of those that it is `touching`. Not collective. Raises InputError."""
-    group = contact.on[side]
-    others = [(other, which) for other, which in touching if other is not contact]
+def _side(part: Part, contact: SettledContact, side: int, kept: Kept) -> Side:
+    """The side of a body on a contact. Not collective. Raises InputError."""
+    mesh, spec, group = part.mesh, part.spec, contact.on[side]
+    others = [(other, which) for other, which in part.touching if other is not contact]
     depends = (
         spec.name,
         kept.key("supports", spec.name),
@@ -577,7 +516,7 @@ def _side(
     )
 
     def make() -> Side:
-        boundary, supports = mesh.facets(group), elasticity.supports
+        boundary, supports = mesh.facets(group), part.problem.supports
         return contact_side(
             mesh,
             boundary,
@@ -611,7 +550,7 @@ def _join(
     factors: Mapping[float, Mapping[str | None, float]],
     refinement: int,
     kept: Kept,
-) -> tuple[Interface, list[str]]:
+) -> Drawn:
     """The interface of two sides, or of one and a rigid partner, of the bodies `specs`, and warnings. `factors` are by
     the turning points of loads, and by history. Raises InputError."""
     (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in specs}
@@ -674,21 +613,20 @@ def _join(
     return interface, idle + bare + overlaps + uncovered_profile(interface, contact)
 
 
-def _check_method(
-    scene: Settled, bodies: Mapping[str, Elasticity], interfaces: Sequence[Interface]
-) -> None:
+def _check_method(share: Share, interfaces: Sequence[Interface]) -> None:
     """InputError where a method of two bodies cannot solve the scene."""
-    if not scene.method.by_body:
+    method = share.scene.method
+    if not method.by_body:
         return
-    for name, elasticity in bodies.items():
-        if not elasticity.supported:
+    for part in share.parts:
+        if not part.problem.supported:
             raise InputError(
-                f"method.outer = {scene.method.outer!r}: the clamps of {name!r} leave a rigid motion "
+                f"method.outer = {method.outer!r}: the clamps of {part.spec.name!r} leave a rigid motion "
                 'free, so that its Neumann problems have no solution; outer = "newton", the default, '
                 "solves it"
             )
     if any(interface.one_sided.any() for interface in interfaces):
         raise InputError(
-            f"method.outer = {scene.method.outer!r}: at some contact nodes a clamp constrains one "
+            f"method.outer = {method.outer!r}: at some contact nodes a clamp constrains one "
             "body only, which this iteration does not support; the default method does"
         )

@@ -32,7 +32,7 @@ from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import NOTHING, Mark, began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
-from ddmpi.run.solve import Iteration, Solution, solve
+from ddmpi.run.solve import Iteration, Solution, Start, solve
 from ddmpi.run.steps import March
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.motions import Freed, frames_of
@@ -475,6 +475,7 @@ def march(
     report: Report = no_report,
     checkpoints: Checkpoints | None = None,
     clock: Clock | None = None,
+    start: Start | None = None,
 ) -> tuple[Solution, StepLog, Assembly]:
     """Solve `assembly` in the load steps of its scene, without [time] in one; the solution, the record of the steps,
     and the assembly at the end.
@@ -486,7 +487,7 @@ def march(
     log = StepLog()
     if scene.time is None:
         chain, time = Chain(assembly, scene.output.derivatives), scene.legs[0]
-        solution = solve(assembly, scene.method, report, checkpoints, clock)
+        solution = solve(assembly, scene.method, report, checkpoints, clock, start)
         log.note_step(time, solution)
         if solution.certified:
             log.derive(

@@ -65,6 +65,10 @@ Beginning = tuple[
 part of a vector, of those at the end (N); by contact the `ContactState.slip_total` of those without friction (m)."""
 
 
+Start = Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Makes the forces (size,) in N, gaps (size,) and motions of loose bodies in m to begin with. Collective."""
+
+
 @dataclass(frozen=True)
 class Solution:
     """The end of an iteration, as one rank has it.
@@ -601,8 +605,9 @@ def solve(
     report: Report = no_report,
     checkpoints: Checkpoints | None = None,
     clock: Clock | None = None,
+    start: Start | None = None,
 ) -> Solution:
-    """Solve `assembly` by `method` in one load step, from zero or from the state in `checkpoints`.
+    """Solve `assembly` by `method` in one load step, from zero, from a `start`, or from the state in `checkpoints`.
 
     `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
     when a signal came; the same on all ranks.
@@ -612,8 +617,8 @@ def solve(
         mechanism = look_for_mechanism(assembly)
     iteration = Iteration(assembly, method, report, clock)
     mechanism = beyond_meshes(assembly, iteration.held, mechanism)
-    if assembly.start and isinstance(iteration.outer, Newton):
-        iteration.outer.begin(assembly.start(), foreseen=True)
+    if start and isinstance(iteration.outer, Newton):
+        iteration.outer.begin(start(), foreseen=True)
     if checkpoints:
         iteration.keep(checkpoints)
     return iteration.solve(mechanism)

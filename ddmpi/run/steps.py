@@ -79,12 +79,8 @@ class March:
     def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
         scene = assembly.scene
         assert isinstance(iteration.outer, Newton) and scene.time
-        self.assembly, self.iteration, self.outer, self.log = (
-            assembly,
-            iteration,
-            iteration.outer,
-            log,
-        )
+        self.assembly, self.iteration, self.log = assembly, iteration, log
+        self.outer = iteration.outer
         self.iterations = 0
         self._legs, self._steps, self._tolerance = (
             scene.legs,
@@ -92,14 +88,10 @@ class March:
             scene.time.tolerance or math.inf,
         )
         self._cycle = scene.time.cycle
-        self._in_cycle = slice(0, 0)  # the legs of the cycle
+        self._in_cycle = range(0)  # the legs of the cycle
         if self._cycle:
-            self._in_cycle = slice(
-                *(
-                    self._legs.index(end) + 1 if end else 0
-                    for end in (self._cycle.begin, self._cycle.to)
-                )
-            )
+            ends = self._cycle.begin, self._cycle.to
+            self._in_cycle = range(*(self._legs.index(end) + 1 if end else 0 for end in ends))
         self._began = np.zeros(
             assembly.space.size
         )  # forces at the beginning of the present cycle (N)
@@ -199,7 +191,7 @@ class March:
     @property
     def _repeated(self) -> bool:
         """Whether the present leg was run before, in the cycle before."""
-        return self.log.run > 1 and self._in_cycle.start <= self._leg < self._in_cycle.stop
+        return self.log.run > 1 and self._leg in self._in_cycle
 
     def _steady(self) -> bool:
         """Whether the forces that are found end the cycles, as they are those at the cycle's beginning. Collective."""
@@ -386,7 +378,7 @@ class March:
 
     def _next_leg(self, again: bool = False) -> None:
         """Begin the next leg, or the cycle `again`."""
-        if self._cycle and self._in_cycle.start <= self._leg < self._in_cycle.stop:
+        if self._leg in self._in_cycle:
             self._plans.setdefault(
                 str(self._leg), tuple(np.subtract(self._planned, self._shift).tolist())
             )
@@ -395,9 +387,7 @@ class March:
             self.log.begin_cycle(self._cycle.begin)
             self._began = self._now.s
         if self._cycle:
-            self.log.cycle = (
-                self.log.run if self._in_cycle.start <= self._leg < self._in_cycle.stop else 0
-            )
+            self.log.cycle = self.log.run if self._leg in self._in_cycle else 0
         self._base = self._before = self._coarse = (
             self._now
         )  # the last: the leg's end in half as many steps

@@ -1665,8 +1665,8 @@ MUTANTS = [
         (
             "a distributed matrix is kept for another",
             "coupling/assembly",
-            '"matrix", spec.name, share.kept.key("stiffness", spec.name), partial(',
-            '"matrix", spec.name, None, partial(',
+            '"matrix", name, kept.key("stiffness", name), make',
+            '"matrix", name, None, make',
             "run/test_model.py::test_the_ranks_of_a_body_stay",
         ),
         (
