@@ -116,7 +116,7 @@ class Framed(Factored):
                 "must fix a body in its frame; free the motion of the frame, as in motion = { free = "
                 '["y"] }, or leave clamps and motion out for a body that moves freely'
             )
-        if nodes and (self.kind == "iterative" or nodes > MOST):
+        if self.B.shape[0] and (self.kind == "iterative" or nodes > MOST):
             why = self.reason if self.kind == "iterative" else f"at most {MOST} are possible"
             raise InputError(
                 f'body.{body.name}: with time.motions = "far" it needs a dense compliance of all '
