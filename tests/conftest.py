@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
@@ -36,8 +37,10 @@ class Quiet(int):
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """One time limit for all tests on several ranks; -q works."""
+    """One time limit for all tests on several ranks; -q works; temporary folders of this run alone."""
     from scenes import LIMIT
+
+    own_temporary_root(config)
 
     config.option.mpi_default_test_timeout = config.option.mpi_default_test_timeout or LIMIT
     if config.option.verbose < 0:
@@ -48,6 +51,18 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes"
     )
+
+
+def own_temporary_root(config: pytest.Config) -> None:
+    """A root of temporary folders for this run, its workers and its ranks, which goes with it.
+
+    In the root that a user's sessions share, one with pytest's usual retention takes away folders whose locks are gone,
+    and pytest-isolate-mpi uses such folders on.
+    """
+    if not os.environ.get("PYTEST_DEBUG_TEMPROOT"):
+        root = os.environ["PYTEST_DEBUG_TEMPROOT"] = tempfile.mkdtemp(prefix="ddmpi-tests-")
+        config.add_cleanup(lambda: os.environ.pop("PYTEST_DEBUG_TEMPROOT", None))
+        config.add_cleanup(lambda: shutil.rmtree(root, ignore_errors=True))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:

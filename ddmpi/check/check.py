@@ -34,7 +34,6 @@ from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
-from ddmpi.surface.seams import surfaces
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.doubts import condensed
 from ddmpi.system.numbers import ALIKE, in_words, moment
@@ -197,8 +196,7 @@ def _look(body: Body, unit: str) -> Looked:
 
 def _pieces(mesh: Mesh) -> str:
     """That a body has several pieces, in words; empty if it is connected."""
-    number = len(np.unique(surfaces(mesh.corners, len(mesh.points))))
-    return f", in {number} pieces that are not connected" * (number > 1)
+    return f", in {mesh.pieces} pieces that are not connected" * (mesh.pieces > 1)
 
 
 def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:

@@ -240,9 +240,9 @@ def as_results(
             "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes]),
         },
         surfaces={
-            interface.name: {"points": interface.outline.xy, "cells": interface.outline.cells}
+            interface.name: {"points": outline.xy, "cells": outline.cells}
             for interface in interfaces
-            if interface.outline
+            for outline in [interface.drawing.outline]
         },
     )
 
@@ -349,7 +349,7 @@ def draw_contacts(
     parts = [
         (outline.xy, outline.cells, outline.shares @ interface.gap / factor)
         for interface in interfaces
-        if (outline := interface.outline)
+        for outline in [interface.drawing.outline]
     ]
     for lack in missing:
         at = lack.facets.reshape(-1, lack.facets.shape[-1])
@@ -358,13 +358,12 @@ def draw_contacts(
         )
     plan.facets(parts, image)
     for interface in interfaces:
-        if interface.at is not None:
-            plan.lines(
-                np.stack([plan.place(at)[:, :2] for at in interface.at], axis=1),
-                colors=COLOURS["rigid"],
-                linewidth=0.5,
-                zorder=4,
-            )
+        plan.lines(
+            np.stack([plan.place(at)[:, :2] for at in interface.geometry.at], axis=1),
+            colors=COLOURS["rigid"],
+            linewidth=0.5,
+            zorder=4,
+        )
         if len(interfaces) <= NAMED:
             at = interface.lines.xy
             plan.label(interface.name, at[np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1))])

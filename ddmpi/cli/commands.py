@@ -223,7 +223,7 @@ def printing(world: MPI.Comm) -> Iterator[None]:
     if world.rank == 0:
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would print pages about it
         try:
-            sys.stdout.write(logs.encodable(text.getvalue(), sys.stdout))
+            sys.stdout.write(logs.encodable(logs.printable(text.getvalue()), sys.stdout))
             sys.stdout.flush()
         except BrokenPipeError:  # the reader has seen enough
             logs.leave_stdout()

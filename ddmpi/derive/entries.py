@@ -158,7 +158,7 @@ def measures(state: ContactState) -> dict[str, np.ndarray]:
         interface.directions,
         np.argmax(state.pressure),
     )  # the force on the first body is −Σ s · directions
-    at = (interface.xy if interface.at is None else interface.at[0])[law.node]
+    at = interface.places[law.node]
     normal, pressure = np.repeat([1.0, 0.0], [m, law.size - m]), np.zeros(law.size)
     pressure[peak] = replace(state, normal_force=np.ones(m)).pressure[peak]
     tangential = 1.0 - normal

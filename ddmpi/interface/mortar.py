@@ -21,7 +21,7 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Lines, Places
+from ddmpi.interface.interface import Drawing, Geometry, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid, faces_rigid, pair
 from ddmpi.interface.rows import (
@@ -165,31 +165,30 @@ def apart(contact: SettledContact, first: Side, second: Side | None = None) -> I
     collective."""
     d, none, modulus = first.dimension, np.empty(0), second.modulus if second else np.inf
     at, square = np.empty((0, d)), sparse.csr_matrix((0, 0))
-    law = law_of(
-        contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool)
-    )
+    facets, nowhere = np.empty((0, d), int), Places(normal=at)
     return Interface(
         name=contact.name,
         bodies=contact.bodies,
-        xy=at,
-        frame=np.empty((0, d, d)),
-        area=none,
-        gap=none,
-        nodes=(np.empty(0, int),) * 2,
-        transfer=(square, square),
-        law=law,
-        laplacian=square,
-        facets=np.empty((0, d), int),
+        geometry=Geometry(
+            xy=at,
+            tangents=np.empty((0, d - 1, d)),
+            area=none,
+            at=(at, at),
+            facets=facets,
+            laplacian=square,
+            axisymmetric=first.axisymmetric,
+        ),
+        rows=nowhere,
+        law=law_of(
+            contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool)
+        ),
         modulus=1.0 / (1.0 / first.modulus + 1.0 / modulus),
-        one_sided=np.empty(0, bool),
-        at=(at, at),
-        displacement=np.zeros(d),
         slave=contact.slave,
-        lines=Lines(np.empty(0, int), at, none, np.empty((0, d), int)),
-        fixed=Places(normal=at),
-        probes=Places(normal=at),
-        draw=lambda: Outline(at, np.empty((0, d), int), square),
-        axisymmetric=first.axisymmetric,
+        fixed=nowhere,
+        probes=nowhere,
+        drawing=Drawing(
+            Lines(np.empty(0, int), at, none, facets), lambda: Outline(at, facets, square)
+        ),
     )
 
 

@@ -238,7 +238,7 @@ def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
                 nodes[interface.side(body)]
                 for interface in interfaces
                 if set(interface.bodies) == {body, other}
-                for nodes in (interface.nodes, interface.fixed.nodes)
+                for nodes in (interface.rows.nodes, interface.fixed.nodes)
             ),
         ]
     )

@@ -97,15 +97,13 @@ def links(facets: np.ndarray, dimension: int) -> np.ndarray:
 def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarray]:
     """The nodes (k,) of a boundary group, ascending, and its outer unit normals (k, d) there.
 
-    Those of the facets between neighbouring nodes, weighted such that they are exact where the nodes lie on a circle or
-    a sphere (Max, J. Graphics Tools 4, 1999). Raises InputError, naming `key`, at a corner inside the group.
+    Those of the facets between neighbouring nodes, weighted as in `corner_normals`. Raises InputError, naming `key`,
+    at a corner inside the group.
     """
     d = mesh.dimension
     with naming(key):
         corners = mesh.facets(name).nodes[:, mesh.cell.facet.parts].reshape(-1, d)
-    points = mesh.points[corners]
-    outward = normals(points)
-    bends = creases(mesh.points, corners, outward)
+    bends = creases(mesh.points, corners, normals(mesh.points[corners]))
     sharp = np.flatnonzero(np.abs(bends.turn) > SHARPEST)
     if len(sharp):
         at = in_words(mesh.points[bends.nodes[sharp[0]]].mean(axis=0))
@@ -113,11 +111,20 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
             f"{key}: {name!r} has a corner at {at}, where it has no normal; make groups of what meets "
             "there, and clamp each along its normal"
         )
-    squares = ((points[:, :, None] - points[:, None]) ** 2).sum(axis=3) + np.eye(d)
-    normal = np.zeros_like(mesh.points)
-    np.add.at(normal, corners, outward[:, None] / squares.prod(axis=2)[:, :, None])
-    nodes = np.unique(corners)
-    return nodes, normal[nodes] / np.linalg.norm(normal[nodes], axis=1)[:, None]
+    normal, nodes = corner_normals(mesh.points, corners), np.unique(corners)
+    return nodes, normal[nodes]
+
+
+def corner_normals(points: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Unit normals (n, d) at the `points` (n, d) of facets (f, d); where these turn against each other, of any length.
+
+    Exact where the points lie on a circle or a sphere (Max, J. Graphics Tools 4, 1999)."""
+    ends = points[facets]
+    squares = ((ends[:, :, None] - ends[:, None]) ** 2).sum(axis=3) + np.eye(facets.shape[1])
+    normal = np.zeros_like(points)
+    np.add.at(normal, facets, normals(ends)[:, None] / squares.prod(axis=2)[:, :, None])
+    length = np.linalg.norm(normal, axis=1)
+    return normal / np.maximum(length, np.finfo(float).tiny)[:, None]
 
 
 class Creases(NamedTuple):

@@ -24,6 +24,7 @@ STYLE = {
     "figure.constrained_layout.use": True,
     "savefig.dpi": 160,
     "axes.axisbelow": True,
+    "text.parse_math": False,  # names of bodies may look like formulas
 }
 
 COLOURS = {

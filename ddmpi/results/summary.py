@@ -101,7 +101,10 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
         place = where(summary[table][name], key)
         return f"{row.words} {as_float(value):.{digits}g} {unit}" + f" at {place}" * bool(place)
     components = np.array([as_float(component) for component in value])
-    components[np.abs(components) < PRECISION * np.linalg.norm(components)] = 0.0
+    size = float(np.linalg.norm(components))
+    if row.quantity == "force":  # of a fit pressures are in balance by themselves, but for rounding
+        size = max([size, *(as_float(one["normal_force"]) for one in summary["contacts"].values())])
+    components[np.abs(components) < PRECISION * size] = 0.0
     return (
         f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
     )

@@ -30,8 +30,10 @@ from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import NOTHING, Mark, began, instability, partners_gone, way_down
+from ddmpi.run.frames import began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
+from ddmpi.run.marks import Mark
+from ddmpi.run.recover import NOTHING
 from ddmpi.run.solve import Iteration, Solution, Start, solve
 from ddmpi.run.steps import March
 from ddmpi.scene.contacts import SettledContact
@@ -145,7 +147,7 @@ class FarMarch(March):
         missed = {
             name
             for name, state in solution.states.items()
-            if (state.between[len(state.between) - state.interface.beyond :] < 0.0).any()
+            if (state.between[len(state.between) - state.interface.probes.beyond :] < 0.0).any()
         }
         missed = set().union(*self.assembly.world.allgather(missed))
         self._whole = self._whole | missed if missed else frozenset()

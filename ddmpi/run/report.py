@@ -300,15 +300,13 @@ def _between_nodes(summary: dict) -> Iterator[str]:
     _, deepest = largest(unmatched, "pointwise_penetration")
     _, turned = largest(unmatched, "moment_imbalance")
     bound = as_float(unmatched[turned]["moment_imbalance_bound"])
-    for name, words in grouped(
-        [
-            (deepest, tell(summary, "contacts", deepest, "pointwise_penetration", 2)),
-            (
-                turned,
-                f"{tell(summary, 'contacts', turned, 'moment_imbalance', 3)} (bound {bound:.3g})",
-            ),
-        ]
-    ):
+    told = []
+    if unmatched[deepest]["pointwise_penetration"]:
+        told += [(deepest, tell(summary, "contacts", deepest, "pointwise_penetration", 2))]
+    if bound:
+        imbalance = tell(summary, "contacts", turned, "moment_imbalance", 3)
+        told += [(turned, f"{imbalance} (bound {bound:.3g})")]
+    for name, words in grouped(told):
         yield f"non-matching meshes at {name}: {'; '.join(words)}"
 
 

@@ -29,15 +29,10 @@ from ddmpi.methods.outer import ENDS, Outer, Report, Step, check_promises, no_re
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import (
-    at_contacts,
-    describe_drift,
-    displaced,
-    driven_partners,
-    look_for_mechanism,
-)
+from ddmpi.run.equilibrium import describe_drift, look_for_mechanism
 from ddmpi.run.held import Held, HeldMotion, beyond_meshes, judge_held, motions_to_hold, slides
 from ddmpi.run.least import least_motion
+from ddmpi.run.recover import at_contacts, displaced, driven_partners
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import agreed, gathered
@@ -583,7 +578,7 @@ def _between(interface: Interface, near: Sequence[tuple], points: np.ndarray) ->
     """The gap at points between the nodes (m), where the discrete conditions promise nothing, by the motions `near`
     them; `points` (nv, d) are of the first body."""
     probes = interface.probes
-    beyond = interface.carried(probes.moved(0, points))
+    beyond = interface.partner.carried(probes.moved(0, points))
     return (
         probes.opening(interface.scale)
         + np.einsum("qd,qd->q", probes.normal, beyond)
@@ -594,8 +589,8 @@ def _between(interface: Interface, near: Sequence[tuple], points: np.ndarray) ->
 def _slides(interface: Interface, near: Sequence[tuple]) -> np.ndarray:
     """The slip (m, d − 1) of a contact without friction, whose unknowns have no tangential part: that of the bodies
     beside the nodes (m)."""
-    carried = interface.carried(interface.places)
-    along = np.einsum("mcd,md->mc", interface.frame[:, 1:], carried)
+    carried = interface.partner.carried(interface.places)
+    along = np.einsum("mcd,md->mc", interface.tangents, carried)
     return sum(moved for _, moved, _ in near) - along
 
 

@@ -485,7 +485,7 @@ def torque(order: int, n: int) -> tuple[float, float, Answer]:
     )
     state = answer.contacts["block-plate"]
     moment = state.moment[2] - np.cross([0.5, 0.5, 0.0], state.force)[2]
-    arms = np.linalg.norm(state.interface.at[0][:, :2] - 0.5, axis=1)
+    arms = np.linalg.norm(state.interface.geometry.at[0][:, :2] - 0.5, axis=1)
     slid = answer_of(solid({"shift": [0.6, 0.3, 0.0]}, order, n)).summary
     _, x, y, z = forces(slid, 1.2).T
     ratio = float(-moment / (FRICTION * (arms * state.normal_force).sum()))

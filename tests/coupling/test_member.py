@@ -14,6 +14,7 @@ from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.coupling.factored import Factored
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.sides import Sides
+from ddmpi.interface.interface import Places
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
@@ -78,8 +79,7 @@ def touch(
         dimension=2,
         size=m + len(sliding),
         m=m,
-        nodes=(nodes, nodes),
-        transfer=(identity, identity),
+        rows=Places((nodes, nodes), directions[:m], np.zeros(m), (identity, identity)),
         directions=directions,
         sliding=sliding,
         side=lambda body: 0,

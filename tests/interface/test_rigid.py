@@ -41,14 +41,14 @@ def test_a_block_above_a_floor(order):
     assert contact.bodies == ("body", "floor")
     assert contact.gap == pytest.approx(np.full(contact.m, 0.25), rel=1e-14)
     assert np.array_equal(contact.normal, np.tile([0.0, -1.0], (contact.m, 1)))
-    assert np.array_equal(contact.frame[:, 1], np.tile([1.0, 0.0], (contact.m, 1)))
+    assert np.array_equal(contact.tangents[:, 0], np.tile([1.0, 0.0], (contact.m, 1)))
     assert contact.area == pytest.approx(boundary.area, rel=1e-14)
-    assert np.array_equal(contact.nodes[0], boundary.nodes) and len(contact.nodes[1]) == 0
-    assert contact.transfer[1].shape == (contact.m, 0)
+    assert np.array_equal(contact.rows.nodes[0], boundary.nodes) and len(contact.rows.nodes[1]) == 0
+    assert contact.rows.transfer[1].shape == (contact.m, 0)
     assert contact.modulus == boundary.modulus
     assert contact.one_sided.all() and joined(contact).all()
     assert (contact.size, contact.law.name) == (2 * contact.m, "coulomb")
-    assert len(contact.facets) == 6
+    assert len(contact.geometry.facets) == 6
 
 
 def test_rounding_is_no_gap():

@@ -49,7 +49,7 @@ def deformed(
         )
         gap = interface.gap - closing
         assert gap.min() > -TOUCHES
-        xy = meshes[bodies[1]].points[interface.nodes[1]] if rows else interface.xy
+        xy = meshes[bodies[1]].points[interface.rows.nodes[1]] if rows else interface.xy
         tables[name] = {
             "x": xy[:, 0],
             "y": xy[:, 1],
@@ -83,7 +83,7 @@ def drawn_gaps(results: Results, interfaces: list) -> tuple[float, list[np.ndarr
     for interface in interfaces:
         one, two = (
             at[nodes + first[list(results.summary["bodies"]).index(body)]]
-            for nodes, body in zip(interface.nodes, interface.bodies, strict=True)
+            for nodes, body in zip(interface.rows.nodes, interface.bodies, strict=True)
         )
         found.append(np.einsum("ij,ij->i", two - one, interface.normal))
     return factor, found

@@ -196,7 +196,7 @@ def test_a_lever_presses_as_its_moment_says(d, law, lift, order):
     answer = certified(lever(d, law, lift, order))
     lid, (state,) = answer.summary["rigid"]["lid"], answer.contacts.values()
     about = np.array([-1.0, *[0.5] * (d - 2), 1.0 + lift])
-    arms = state.interface.at[0] - about
+    arms = state.interface.geometry.at[0] - about
     around = (
         -arms[:, 0] * state.forces[:, -1] + arms[:, -1] * state.forces[:, 0]
     )  # on the lid the opposite forces
