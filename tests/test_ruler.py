@@ -6,42 +6,18 @@ import pytest
 import ruler
 
 COMPLEX = {
-    "check/check:_check": 20,
-    "check/check:_look": 17,
-    "check/check:_page": 26,
-    "check/drawing:draw_bodies": 17,
-    "check/nearby:find_missing": 27,
-    "cli/report:RunReport._steps": 23,
-    "cli/report:_sweep": 19,
-    "cli/report_markup:table": 16,
     "judge/overlap:doubt_overlaps": 20,
-    "mesh/boundary:file_groups": 22,
-    "mesh/boundary:keep_part": 19,
-    "mesh/boundary:name_sides": 26,
-    "mesh/build:build_mesh": 18,
-    "mesh/read:read_mesh": 20,
     "methods/newton:Newton._iterate": 21,
     "methods/newton:Newton.run": 20,
     "results/fields:write_fields": 18,
     "results/histories:at_step": 25,
     "run/report:log_plan": 23,
     "run/run:compute": 21,
-    "scene/contacts:RigidSurface.__post_init__": 16,
-    "scene/scene:Scene.__post_init__": 24,
-    "scene/scene:Scene._check_histories": 21,
-    "scene/scene:Scene._check_partners": 20,
-    "scene/scene:Scene._misplaced": 35,
-    "scene/scene:Scene.settled": 17,
 }
 """Functions of the program beyond `ruler.MOST_COMPLEX`, with their complexity. Numbers only fall."""
 
 LONG = {
-    "check/check:_page": 73,
-    "check/drawing:draw_bodies": 61,
-    "check/nearby:find_missing": 82,
-    "mesh/read:read_mesh": 62,
     "results/histories:at_step": 101,
-    "scene/scene:Scene._misplaced": 87,
 }
 """Functions of the program beyond `ruler.MOST_LINES`, with the lines of their bodies. Numbers only fall."""
 

@@ -19,6 +19,7 @@ from ddmpi.mesh.boundary import SHARPEST, corner_normals
 from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import Mesh, connected
 from ddmpi.surface.near import contained, most_inside
+from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import SAME, across, in_words, nearest_in
 
 AGAINST = 0.7
@@ -56,10 +57,10 @@ class Seam:
     within: int
     place: np.ndarray
 
-    def words(self, name: str) -> str:
+    def words(self, name: str) -> Doubt:
         """A warning of it, for a body of this name."""
         said = []
-        for count, one, several, how in (
+        for count, one, several, where in (
             (
                 self.doubled,
                 "node lies",
@@ -70,13 +71,14 @@ class Seam:
             (self.within, "side of a cell lies", "sides of cells lie", "within another cell"),
         ):
             if count:
-                said.append(f"{count} {one if count == 1 else several} {how}")
-        return (
+                said.append(f"{count} {one if count == 1 else several} {where}")
+        text = (
             f"body.{name}.mesh: {' and '.join(said)}, as at {in_words(self.place, 4)}: the sides that "
             "meet there are not connected, and may open or pass through each other; connect them in "
             "the mesh (gmsh: Coherence, or BooleanFragments before meshing), or, where the body may "
             "open, make two bodies of it with a contact between them"
         )
+        return Doubt(text, "seam", self.doubled + self.hanging + self.within)
 
 
 class _Skin:

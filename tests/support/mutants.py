@@ -450,7 +450,7 @@ MUTANTS = [
         ),
         (
             "a volume force with slopes needs a value",
-            "scene/values",
+            "scene/bodies",
             "if self.value is not None and affine:",
             "if self.value is None and affine:",
             "scene/test_dimension.py::test_what_belongs_to_the_other_dimension_is_refused",
@@ -464,7 +464,7 @@ MUTANTS = [
         ),
         (
             "three expansions are a place in space",
-            "scene/scene",
+            "scene/dimension",
             '"expansion", "view"',
             '"view"',
             "scene/test_dimension.py::test_expansions_along_three_axes_are_no_place_in_space",
@@ -561,6 +561,13 @@ MUTANTS = [
             "by_node[rigid.ref].append(rigid)",
             "by_node[len(by_node)].append(rigid)",
             f"{TOGETHER}::test_a_reference_node_of_several_faces_is_one_rigid_body",
+        ),
+        (
+            "parallel faces are one plane",
+            "decks/rigid",
+            "off = np.abs((points - points[0]) @ normal).max()",
+            "off = 0.0",
+            f"{TOGETHER}::test_two_ends_of_a_body_are_one_rigid_body",
         ),
         (
             "each of several spread sets has the whole force",
@@ -746,8 +753,8 @@ MUTANTS = [
         ),
         (
             "a node may be touched",
-            "scene/scene",
-            "if contact.bodies[1] in nodes and contact.kind != 'bonded':",
+            "scene/checks",
+            "if partner and (not partner.surface) and (contact.kind != 'bonded'):",
             "if False:",
             "scenes/test_reference_nodes.py::test_a_node_has_bonds_alone",
         ),
@@ -3130,8 +3137,8 @@ MUTANTS = [
         (
             "rows of a turned body are along the world",
             "interface/trace",
-            "tangents=interface.tangents @ back",
-            "tangents=interface.tangents",
+            "interface.frame @ back",
+            "interface.frame",
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
         ),
         (
@@ -3228,7 +3235,7 @@ MUTANTS = [
         ),
         (
             "loads of a cycle are those of the scene's time",
-            "scene/method",
+            "scene/time",
             "np.clip(shifts, 0, max(run - 1, 0))",
             "0.0 * shifts",
             f"{CYCLES}::test_cycles_are_what_a_long_history_gives",
@@ -3263,7 +3270,7 @@ MUTANTS = [
         ),
         (
             "a cycle may end with other loads",
-            "scene/method",
+            "scene/time",
             "abs(first - last) > ALIKE",
             "abs(first - last) > 3.0",
             f"{CYCLES}::test_what_cycles_cannot_be_is_refused",
@@ -3400,8 +3407,8 @@ MUTANTS = [
         (
             "contacts are proposed where nothing is near",
             "check/nearby",
-            "distance_to(middle[some], body.at)[1]",
-            "distance_to(middle[some], body.at)[0]",
+            "distance_to(self.middle[some], body.at)[1]",
+            "distance_to(self.middle[some], body.at)[0]",
             "check/test_check.py::test_contacts_that_are_missing_are_proposed",
         ),
         (
@@ -3442,7 +3449,7 @@ MUTANTS = [
         ),
         (
             "a scene may set any option",
-            "scene/reader",
+            "scene/petsc",
             "check_petsc(options if isinstance(options, dict) else {})",
             "check_petsc({})",
             "petsc/test_harmless.py",
