@@ -163,6 +163,10 @@ class Solution:
         return ENDS[self.stopped]
 
 
+Judged = tuple[ContactTotals, ContactResiduals]
+"""Of a contact."""
+
+
 class Iteration:
     """The outer iteration of an assembly and its certificate, from one load step to the next.
 
@@ -455,47 +459,43 @@ class Iteration:
         both = assembly.exchange.collect(traces, "answer")
         beside = assembly.exchange.swap_objects(motions)
         bodies = gathered(world, sizes) | driven_partners(assembly, outer)
-        load, energy, work = (
-            sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work")
-        )
+        sums = [sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work")]
         now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
-        load, energy, work, now = world.bcast((load, energy, work, now))
-        interfaces = joint.placed(outer.motions)
-        moved = np.concatenate([np.empty(0), *(interface.prescribed for interface in interfaces)])
-        mismatch = self._mismatch()
+        (load, energy, work), now = world.bcast((sums, now))
+
+        mismatch, interfaces = self._mismatch(), joint.placed(outer.motions)
+        shares = [interface.prescribed for interface in interfaces]
+        prescribed = np.concatenate([np.empty(0), *shares])
         with event("Certificate"):
-            states, judged = self._contacts(
-                interfaces, both, beside, since, (load, now, largest[1:].tolist()), mismatch
-            )
+            known = load, now, largest[1:].tolist()
+            states, judged = self._contacts(interfaces, both, beside, since, known, mismatch)
         forces = [0.0, *(float(np.abs(state.forces).max(initial=0.0)) for state in states.values())]
         force = world.allreduce(max(forces), MPI.MAX)
         contacts = self._told(judged)
-        certificate = Certificate(
-            {name: residuals for name, (_, residuals) in contacts.items()},
-            {
-                name: equilibrium_residual(size["left"], size["acting"], load, size["made"])
-                for name, size in bodies.items()
-            },
-        )
+        equilibrium = {
+            name: equilibrium_residual(size["left"], size["acting"], load, size["made"])
+            for name, size in bodies.items()
+        }
+        residuals = {name: residuals for name, (_, residuals) in contacts.items()}
         return Solution(
             stopped,
             displacements,
             states,
             {name: totals for name, (totals, _) in contacts.items()},
-            certificate.told(world),
+            Certificate(residuals, equilibrium).told(world),
             self.limit,
             outer,
             self.statuses,
             self.given,
-            moved=both[0] + both[1] + moved,
-            prescribed=moved,
+            moved=both[0] + both[1] + prescribed,
+            prescribed=prescribed,
             energy=energy,
             sizes=np.array([force, *now]),
             work=work,
         )
 
     def _mismatch(self) -> np.ndarray:
-        """(size,) as of `Outer` (N); what a method from outside says of itself is no evidence. Collective."""
+        """The `mismatch` of the outer method; what a method from outside says of itself is no evidence. Collective."""
         assembly, outer = self.assembly, self.outer
         if assembly.outer is None:
             return outer.mismatch
@@ -503,18 +503,17 @@ class Iteration:
         apart = [s - mine for s, mine in zip(seen, outer.body_forces(), strict=True)]
         return np.hypot(*assembly.exchange.collect(apart, "mismatch"))
 
-    def _told(
-        self, judged: Mapping[str, tuple[ContactTotals, ContactResiduals]]
-    ) -> dict[str, tuple[ContactTotals, ContactResiduals]]:
-        """What was `judged` by the owners of contacts, also on the ranks of both bodies, and of all contacts on the
-        first rank. Collective."""
-        assembly = self.assembly
-        ends = [(name, side) for name, *_ in assembly.exchange.ends for side in (0, 1)]
-        told = assembly.exchange.swap_objects({end: judged.get(end[0]) for end in ends})
+    def _told(self, judged: Mapping[str, Judged]) -> dict[str, Judged]:
+        """What the owner of a contact tells of it to the ranks of both bodies, and to the first rank of all, in the
+        order of the scene. Collective."""
+        exchange, scene = self.assembly.exchange, self.assembly.scene
+        names = [name for name, *_ in exchange.ends]
+        told = exchange.swap_objects(
+            {(name, side): judged.get(name) for name in names for side in (0, 1)}
+        )
         known = {name: one or other for name, (one, other) in told.items()}
-        known |= gathered(assembly.world, judged)
-        names = [contact.name for contact in assembly.scene.contact]
-        return {name: known[name] for name in names if name in known}
+        known |= gathered(self.assembly.world, judged)
+        return {each.name: known[each.name] for each in scene.contact if each.name in known}
 
     def _contacts(
         self,
@@ -524,7 +523,7 @@ class Iteration:
         since: Beginning | None,
         sizes: tuple[float, list[float], list[float]],
         mismatch: np.ndarray,
-    ) -> tuple[dict[str, ContactState], dict[str, tuple[ContactTotals, ContactResiduals]]]:
+    ) -> tuple[dict[str, ContactState], dict[str, Judged]]:
         """State, and totals with residuals, of each contact that this rank owns. Not collective.
 
         Parameters
@@ -535,63 +534,57 @@ class Iteration:
         mismatch : as of `Outer`
         """
         space, outer = self.assembly.space, self.outer
-        start, former, slid = since or (
-            np.zeros(space.size),
-            lambda interface, part, s: 0.0 * s,
-            {},
-        )
-        forces = outer.forces
-        states, judged = {}, {}
-        points = {body.spec.name: body.mesh.points for body in self.assembly.bodies}
+        nothing: Beginning = np.zeros(space.size), lambda interface, part, s: 0.0 * s, {}
+        start, former, slid = since or nothing
+        load, now, before = sizes
+        states, judged = dict[str, ContactState](), dict[str, Judged]()
         for interface, part, bound in zip(
             interfaces, space.parts.values(), space.laws.bounds(outer.bound), strict=False
         ):
+            s, near = outer.forces[part], list(filter(None, beside[interface.name]))
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
-            near = [motion for motion in beside[interface.name] if motion]
-            between, slides = None, None
-            if near[0][0] is not None:
-                between = _between(interface, near, points[interface.bodies[0]])
-                if interface.law.frictionless:
-                    slides = _slides(interface, near), slid.get(interface.name, 0.0)
             yielding = max(elastic for *_, elastic in near)
-            state = states[interface.name] = contact_state(
+            state = contact_state(
                 interface,
-                forces[part],
+                s,
                 bound,
                 u1 + u2,
-                between,
-                (start[part], former(interface, part, forces[part])),
+                self._between(interface, near),
+                (start[part], former(interface, part, s)),
                 yielding,
-                slides,
+                _slides(interface, near, slid.get(interface.name, 0.0)),
             )
-            load, now, before = sizes
-            judged[interface.name] = (
-                state.totals,
-                contact_residuals(
-                    state, forces[part], mismatch[part], (u1, u2), load, yielding, now, before
-                ),
+            residuals = contact_residuals(
+                state, s, mismatch[part], (u1, u2), load, yielding, now, before
             )
+            states[interface.name] = state
+            judged[interface.name] = state.totals, residuals
         return states, judged
 
+    def _between(self, interface: Interface, near: Sequence[tuple]) -> np.ndarray | None:
+        """(q,) the gap at points between the nodes, where the discrete conditions promise nothing (m); None in a lean
+        solution. `near` are the motions of its bodies beside the nodes."""
+        if near[0][0] is None:
+            return None
+        name, probes = interface.bodies[0], interface.probes
+        points = next(body.mesh.points for body in self.assembly.bodies if body.spec.name == name)
+        beyond = interface.partner.carried(probes.moved(0, points))
+        closing = sum(closing for closing, *_ in near)
+        return (
+            probes.opening(interface.scale) + np.einsum("qd,qd->q", probes.normal, beyond) - closing
+        )
 
-def _between(interface: Interface, near: Sequence[tuple], points: np.ndarray) -> np.ndarray:
-    """The gap at points between the nodes (m), where the discrete conditions promise nothing, by the motions `near`
-    them; `points` (nv, d) are of the first body."""
-    probes = interface.probes
-    beyond = interface.partner.carried(probes.moved(0, points))
-    return (
-        probes.opening(interface.scale)
-        + np.einsum("qd,qd->q", probes.normal, beyond)
-        - sum(closing for closing, *_ in near)
-    )
 
-
-def _slides(interface: Interface, near: Sequence[tuple]) -> np.ndarray:
-    """The slip (m, d − 1) of a contact without friction, whose unknowns have no tangential part: that of the bodies
-    beside the nodes (m)."""
+def _slides(
+    interface: Interface, near: Sequence[tuple], before: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray | float] | None:
+    """The slip of a contact without friction, whose unknowns have no tangential part, now and `before` (m): that of the
+    bodies beside the nodes. None in a lean solution, and with friction."""
+    if near[0][0] is None or not interface.law.frictionless:
+        return None
     carried = interface.partner.carried(interface.places)
-    along = np.einsum("mcd,md->mc", interface.tangents, carried)
-    return sum(moved for _, moved, _ in near) - along
+    gone = np.einsum("mcd,md->mc", interface.tangents, carried)
+    return sum(along for _, along, _ in near) - gone, before
 
 
 def solve(
