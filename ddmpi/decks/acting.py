@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import EXACT, Acting, Card, Course, Notes, axes, number
+from ddmpi.decks.cards import EXACT, Acting, Card, Course, axes, number
 from ddmpi.decks.material import Matter, table
-from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Cut, Piece, formula, linear
 
 KEEPS = 1e-9
@@ -35,19 +34,13 @@ class Acts:
     timed : whether there are load steps; else the values at the end count
     """
 
-    def __init__(
-        self,
-        model: Model,
-        notes: Notes,
-        matter: Matter,
-        pieces: Sequence[Piece],
-        family: str,
-        cuts: Sequence[Cut],
-    ) -> None:
-        self.model, self.notes, self.matter = model, notes, matter
+    def __init__(self, matter: Matter, pieces: Sequence[Piece], cuts: Sequence[Cut]) -> None:
+        model = matter.model
+        self.model, self.notes, self.matter = model, model.notes, matter
+        self.kinds = model.kinds
         self.pieces, self.cuts = pieces, cuts
-        self.axisymmetric = family == "CAX"
-        self.axes = "xyz" if family == "C3D" else "xy"
+        self.axisymmetric = matter.family == "CAX"
+        self.axes = "xyz" if matter.family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
         self.rigid_nodes = model.rigid_nodes
         self.timed = self._is_timed()
@@ -68,7 +61,7 @@ class Acts:
 
     def _is_timed(self) -> bool:
         """Whether there are load steps. Where there are none, note what has another course than a ramp from zero."""
-        every = [acting for kind in self.model.kinds.values() for acting in kind.values()]
+        every = [acting for kind in self.kinds.values() for acting in kind.values()]
         odd = [acting.card for acting in every if not _is_ramp(acting.course)]
         several = len(self.model.ends) > 1 and not self.model.final
         if several or (odd and self.model.friction):
@@ -135,7 +128,7 @@ class Acts:
         local = defaultdict[int, dict[int, tuple[np.ndarray, float, Card]]](dict)
         zero = Counter(
             node
-            for (node, component), acting in self.model.kinds["supports"].items()
+            for (node, component), acting in self.kinds["supports"].items()
             if component <= d and not any(value for _, value in acting.course)
         )
         # where all components are zero, their directions do not matter
@@ -190,7 +183,7 @@ class Acts:
 
     def _held(self, piece: Piece) -> Iterable[tuple[int, int, Acting]]:
         """The node, the component and the value of each support of a body in the directions of the scene."""
-        for (node, component), acting in self.model.kinds["supports"].items():
+        for (node, component), acting in self.kinds["supports"].items():
             if node not in piece.place or node in self.rigid_nodes:
                 continue
             if component <= len(self.axes):
@@ -234,14 +227,14 @@ class Acts:
     def _pressed(self) -> dict[tuple[Piece, float, str | None, tuple], list[int]]:
         """The facets under each pressure, or traction along its direction, by body, value, history and direction."""
         pressed = defaultdict[tuple, list[int]](list)
-        for (element, face, way), acting in self.model.kinds["pressures"].items():
+        for (element, face, way), acting in self.kinds["pressures"].items():
             if len(way) == 1:  # of a fluid at a node
                 at = way[0], 2
-                if at not in self.model.kinds["supports"]:
+                if at not in self.kinds["supports"]:
                     words = f"a pressure that is not given at node {way[0]}"
                     self.notes.add("lost", acting.card, words)
                     continue
-                acting, way = self.model.kinds["supports"][at], ()
+                acting, way = self.kinds["supports"][at], ()
             if (element, face) not in self.where:
                 if any(value for _, value in acting.course):
                     words = "a pressure on a face that is not on a boundary"
@@ -257,12 +250,12 @@ class Acts:
     def _tell_nowhere(self) -> None:
         """Note forces and supports at nodes of no body."""
         model = self.model
-        fluid = {way[0] for *_, way in model.kinds["pressures"] if len(way) == 1}
+        fluid = {way[0] for *_, way in self.kinds["pressures"] if len(way) == 1}
         inside = fluid | self.home.keys() | model.bolt_nodes | self.rigid_nodes
-        for (node, _), acting in model.kinds["forces"].items():
+        for (node, _), acting in self.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
                 self.notes.add("lost", acting.card, "a force at a node of no body")
-        for (node, _), acting in model.kinds["supports"].items():
+        for (node, _), acting in self.kinds["supports"].items():
             if node not in inside and node in model.deck.points:
                 self.notes.add("changed", acting.card, "a support at a node of no body is left out")
             elif node not in inside:
@@ -294,7 +287,7 @@ class Acts:
         """Nodal forces as tractions with the same resultant and the same first moments."""
         by_history: dict[str | None, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
-        for (node, component), acting in self.model.kinds["forces"].items():
+        for (node, component), acting in self.kinds["forces"].items():
             value, history = self.factor(acting)
             if self.home.get(node) is piece and node not in self.rigid_nodes and value:
                 k, way = (
@@ -354,7 +347,7 @@ class Acts:
         # by history: the first keyword, and c and the rows of Sᵀ (1 + d, d) of f = c + S x
         fields: dict[str | None, tuple[Card, np.ndarray]] = {}
         own, d = set(piece.elements.tolist()), len(self.axes)
-        for (what, scope, label, field), acting in self.model.kinds["body_forces"].items():
+        for (what, scope, label, field), acting in self.kinds["body_forces"].items():
             (value, history), card = self.factor(acting), acting.card
             some = self.model.deck.chosen(card._replace(scope=scope), "ELSET", what) & own
             if not some or not value:
@@ -401,10 +394,10 @@ class Acts:
         The thermal strain is α(T) (T − T_z) − α(T_0) (T_0 − T_z), with the reference T_z of α. Where T varies in place,
         the strain over the first α stands for the temperature.
         """
-        own = [node for node in piece.nodes.tolist() if node in self.model.kinds["heat"]]
+        own = [node for node in piece.nodes.tolist() if node in self.kinds["heat"]]
         if not own:
             return None, {}
-        card = self.model.kinds["heat"][own[0]].card
+        card = self.kinds["heat"][own[0]].card
         T, history = self._warmed(piece, own)
         names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
         grown = {name: self._grown(name, T) for name in names}
@@ -430,7 +423,7 @@ class Acts:
         start, _ = self.model.temperatures(piece.nodes.tolist())
         end, histories = start.copy(), set[str | None]()
         for node in own:
-            k, acting = piece.place[node], self.model.kinds["heat"][node]
+            k, acting = piece.place[node], self.kinds["heat"][node]
             # courses begin at zero; temperatures at the initial one
             warm = tuple((time, value - start[k] if time else 0.0) for time, value in acting.course)
             rise, history = self.factor(acting._replace(course=warm))
@@ -438,7 +431,7 @@ class Acts:
             histories |= {history} if rise else set()
         if len(histories) > 1:
             words = "temperatures that change in different ways in one body"
-            self.notes.lost_between_steps(self.model.kinds["heat"][own[0]].card, words)
+            self.notes.lost_between_steps(self.kinds["heat"][own[0]].card, words)
         return np.array([start, end]), next(iter(histories), None)
 
     def _grown(self, name: str, T: np.ndarray) -> tuple[np.ndarray | None, float]:

@@ -110,8 +110,8 @@ class Deck:
             at = vector(numbers(row[1:])).tolist()
             if self.points.setdefault(node, at) != at:
                 raise DeckError(f"the node {node % STRIDE} is there twice, at two places")
-        if "NSET" in card.given:  # of all nodes as a rule, and no group
-            self._set("NSET", card.given["NSET"], card, nodes, False)
+        if "NSET" in card.given:
+            self._set("NSET", card, nodes)
 
     def _take_elements(self, card: Card, own: int) -> None:
         name = card.given["TYPE"]
@@ -132,17 +132,15 @@ class Deck:
             )
         self.blocks.append(Block(kind, entries.reshape(-1, 1 + count), card))
         if "ELSET" in card.given:
-            elements = self.blocks[-1].entries[:, 0].tolist()
-            self._set("ELSET", card.given["ELSET"], card, elements)
+            self._set("ELSET", card, self.blocks[-1].entries[:, 0].tolist())
 
     def _take_set(self, card: Card) -> None:
-        kind, name = card.word, card.given[card.word]
         words = _generated(card) if "GENERATE" in card.given else chain(*card.rows)
-        self._set(kind, name, card, self._entries(card, filter(None, words)))
-        if kind == "NSET" and "ELSET" in card.given:
+        self._set(card.word, card, self._entries(card, filter(None, words)))
+        if card.word == "NSET" and "ELSET" in card.given:
             some = list(self.chosen(card, "ELSET", card.given["ELSET"]))
             nodes = [rows[np.isin(rows[:, 0], some), 1:].ravel() for _, rows, _ in self.blocks]
-            self._set(kind, name, card, np.unique(np.concatenate(nodes)).tolist())
+            self._set("NSET", card, np.unique(np.concatenate(nodes)).tolist())
 
     def _take_surface(self, card: Card) -> None:
         name = card.given["NAME"]
@@ -155,12 +153,13 @@ class Deck:
         if kind == "SURFACE":
             sides = [entry(row, 1).upper() for row in card.rows]
             found = [*zip(found, sides, strict=True)]
-        self._set(kind, name, card, found)
+        self._set(kind, card, found)
 
-    def _set(self, kind: str, name: str, card: Card, entries: list, group: bool = True) -> None:
+    def _set(self, kind: str, card: Card, entries: list) -> None:
         """Add to a set or surface that `card` defines; within an instance it has the name of this before its own."""
+        name = card.given["NAME" if card.word == "SURFACE" else kind]
         name = f"{card.scope}.{name}" if card.scope else name
-        if group and "INTERNAL" not in card.given:
+        if card.word != "NODE" and "INTERNAL" not in card.given:
             self.names.setdefault((kind, called(name)), name)
         self.sets[kind].setdefault(called(name), []).extend(entries)
 
@@ -321,7 +320,7 @@ class Deck:
             numbers, points = numbers[own], points[own]
             blocks = [block for block in blocks if called(block.card.scope) == only]
         for block in blocks:
-            _refuse_lost(block.entries, numbers)
+            refuse_lost(block.entries, numbers)
         return numbers, points, blocks
 
     def _sets(
@@ -361,13 +360,15 @@ class Deck:
             yield kind, key, name
 
 
-def _refuse_lost(entries: np.ndarray, numbers: np.ndarray) -> None:
+def refuse_lost(entries: np.ndarray, numbers: np.ndarray) -> None:
     """Raise DeckError where elements (n, 1 + k), by number and nodes, have nodes that are none of these `numbers`."""
     lost = ~np.isin(entries[:, 1:], numbers)
     if lost.any():
         k, j = np.argwhere(lost)[0]
         node = entries[k, 1 + j] - STRIDE * round(entries[k, 1 + j] / STRIDE)
-        raise DeckError(f"the element {entries[k, 0] % STRIDE} has node {node}, which is not there")
+        raise DeckError(
+            f"the element {entries[k, 0] % STRIDE} has node {node}, which is not there; is the file cut off?"
+        )
 
 
 def _generated(card: Card) -> Iterator[str]:

@@ -27,6 +27,7 @@ class Joints:
 
     def __init__(self, acts: Acts) -> None:
         self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
+        self.kinds = acts.kinds
         self.cleared: list[Card] = []
         self.met: list[
             tuple[Card, tuple[bool, float], dict[str, set[int]]]
@@ -105,7 +106,7 @@ class Joints:
     @cached_property
     def _held(self) -> set[int]:
         """Nodes with supports, and those of rigid sets."""
-        supported = {node for node, _ in self.model.kinds["supports"]}
+        supported = {node for node, _ in self.kinds["supports"]}
         return supported.union(*(one.nodes for one in self.model.rigid))
 
     def _clearance(self, surfaces: Iterable[str]) -> float | None:
@@ -209,8 +210,8 @@ class Joints:
 
     def _pulled(self, card: Card, node: int, normal: np.ndarray) -> dict[str, Any]:
         """How a bolt is pulled at its section, whose `normal` (d,) points away from the elements of its surface."""
-        force = self.model.kinds["forces"].get((node, 1))
-        given = force or self.model.kinds["supports"][node, 1]
+        force = self.kinds["forces"].get((node, 1))
+        given = force or self.kinds["supports"][node, 1]
         if force and node in self.model.locked:  # after its last point the offset is kept
             kept = tuple(p for p in force.course if p[0] <= self.model.locked[node])
             given = force._replace(course=kept)
@@ -231,7 +232,7 @@ class Joints:
                 return f"its node is also that of line {one.line}"
         if node in self.acts.rigid_nodes:
             return "its node is the reference node of a rigid set"
-        given = [(node, 1) in self.model.kinds[kind] for kind in ("forces", "supports")]
+        given = [(node, 1) in self.kinds[kind] for kind in ("forces", "supports")]
         if not any(given):
             return "a pre-tension whose node has neither a force nor a displacement"
         return "" if cuts and not all(given) else "a section that does not cut a body in two"

@@ -111,11 +111,8 @@ class Model:
         }
         self.rigid_nodes = set[int]()  # reference nodes of rigid sets, and their nodes of rotations
         self._coupling: Rigid | None = None  # a *COUPLING before its second keyword
-        self._defined: dict[tuple[str, str], Card] = {}
-        self._within, self._inside = (
-            "",
-            dict[str, Card](),
-        )  # the material or interaction whose keywords follow
+        # the material or interaction whose keywords follow
+        self._within, self._inside = "", dict[str, Card]()
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
         self._since = 0  # place of the first card of this step
@@ -369,12 +366,12 @@ class Model:
     def _on_material(self, card: Card) -> None:
         of = self.materials if card.word == "MATERIAL" else self.interactions
         name = called(card.given["NAME"]).upper()
-        other = self._defined.setdefault((card.word, name), card)
+        self._within, self._inside = card.word, of.setdefault(name, {card.word: card})
+        other = self._inside[card.word]
         if other.place != card.place:
             raise DeckError(
                 f"there are two of the name {card.says('NAME')}; the other is on line {other.line}"
             )
-        self._within, self._inside = card.word, of.setdefault(name, {})
 
     _on_surfaceinteraction = _on_material
 

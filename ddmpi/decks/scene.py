@@ -12,7 +12,7 @@ import numpy as np
 
 from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, Course, DeckError, Notes, axes, called
-from ddmpi.decks.deck import STRIDE, Deck
+from ddmpi.decks.deck import Deck, refuse_lost
 from ddmpi.decks.joints import Joints
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
@@ -74,20 +74,15 @@ class Importer:
         self.family, blocks = self._elements()
         self.order = 2 if any(block.name not in LINEAR for block in blocks) else 1
         self.pieces = self._pieces(blocks)
-        self.matter = Matter(self.model, self.notes, self.family)
-        self.acts = Acts(self.model, self.notes, self.matter, self.pieces, self.family, self.cuts)
+        self.matter = Matter(self.model, self.family)
+        self.acts = Acts(self.matter, self.pieces, self.cuts)
 
     def _pieces(self, blocks: Sequence[Block]) -> list[Piece]:
-        """The bodies of these elements. Raises InputError where nodes are not there."""
+        """The bodies of these elements. Raises DeckError where nodes are not there."""
         (numbers, points), rows = self.deck.placed(), rows_of(blocks)
         points = points if self.family == "C3D" else points[:, :2]
-        lost = np.setdiff1d(
-            np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers
-        )
-        if len(lost):
-            raise InputError(
-                f"an element has node {lost[0] % STRIDE}, which is not there; is the deck cut off?"
-            )
+        for block in blocks:
+            refuse_lost(block.entries, numbers)
         for card in self.model.bolts:
             if "SURFACE" not in card.given:
                 words = "a pre-tension that is not of a section of solid elements"

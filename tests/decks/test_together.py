@@ -65,6 +65,27 @@ def test_a_reference_node_of_several_faces_is_one_rigid_body(tmp_path, sets):
     )
 
 
+@pytest.mark.parametrize("apart", [False, True])
+def test_two_ends_of_a_body_are_one_rigid_body(tmp_path, apart):
+    """Both ends of a bar that is held in the middle have the motion of their node: parallel faces are no plane, whether
+    they are one set or two."""
+    deck = grid("A", (4, 1, 1), (4.0, 1.0, 1.0)) + STEEL + SECTION + "*NODE\n900, 2., 0.5, 0.5\n"
+    deck += "*NSET, NSET=MID\n3, 8, 13, 18\n*NSET, NSET=ENDS\nA_X0, A_X1\n*BOUNDARY\nMID, 1, 3\n"
+    sets = RIGID.format("A_X0") + RIGID.format("A_X1") if apart else RIGID.format("ENDS")
+    deck += sets + step("*CLOAD", "900, 3, 100.")
+    assert imported(tmp_path, deck)[0]["rigid"][0]["shape"] == "node"
+    answer = solved(tmp_path, deck)
+    fields, moved = answer.bodies["A"], answer.summary["rigid"]["rigid"]
+    for end in (0.0, 4.0):
+        at = np.isclose(fields.points[:, 0], end)
+        turned = np.cross(moved["turn"], fields.points[at] - [2.0, 0.5, 0.5])
+        size = np.abs(fields.displacement).max()
+        assert fields.displacement[at] == pytest.approx(
+            moved["displacement"] + turned, abs=0.05 * size
+        )
+        assert fields.displacement[at][:, 2].mean() > 0.5 * size
+
+
 def test_a_given_motion_is_that_of_all_faces(tmp_path):
     """A reference node with all six displacements moves the faces of both bodies by one rigid motion."""
     moved = ("900, 1, 2", "900, 3, 3, 0.01", "900, 4, 4", "900, 5, 5, 0.002", "900, 6, 6")
