@@ -23,10 +23,11 @@ os.environ["DDMPI_LOCKSTEP"] = str(SUPPORT / "lockstep.py")
 os.environ |= {"OMPI_MCA_mpi_yield_when_idle": "1"}
 """A rank that waits gives way: on a busy machine this halves the time of tests on several ranks."""
 
+# What the studies share is tested, too.
 sys.path += [
     str(SUPPORT),
     str(SUPPORT.parents[1] / "scripts"),
-]  # what the studies share is tested, too
+]
 
 
 class Quiet(int):
@@ -171,9 +172,8 @@ class Kept:
         if any(report.failed for report in new):
             if len(item.session.items) > 1:
                 MPI.COMM_WORLD.Abort(1)  # the other ranks may wait for this one
-            start = (
-                time.monotonic()
-            )  # mpirun ends them with this one, and some may be about to report
+            # mpirun ends the others with this one, and some may be about to report.
+            start = time.monotonic()
             while (
                 len([*path.parent.iterdir()]) < MPI.COMM_WORLD.size
                 and time.monotonic() - start < self.GRACE

@@ -245,7 +245,6 @@ def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
     petsc4py.init([sys.argv[0], *own, *as_arguments(table), *petsc], comm=MPI.Intracomm(world))
     if own:
         forget(own[0])
-    signal.signal(
-        signal.SIGPIPE, signal.SIG_IGN
-    )  # PETSc would end a run whose reader, such as head, has gone
+    # PETSc would end a run whose reader, such as head, has gone.
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     atexit.register(silence_left)

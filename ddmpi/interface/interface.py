@@ -268,6 +268,11 @@ class Interface:
         return self.geometry.tangents
 
     @property
+    def frame(self) -> np.ndarray:
+        """(m, d, d) unit vectors of the first body: outer normal, then tangents."""
+        return np.column_stack([self.normal[:, None], self.tangents])
+
+    @property
     def lines(self) -> Lines:
         """The nodes of the rows."""
         return self.drawing.lines
@@ -331,9 +336,8 @@ class Interface:
         """c (size,) of s − c r: the stiffness of half-spaces against waves of the nodes' spacing (N/m)."""
         # Half-spaces resist a wave of displacement with the wave number k by E* k/2 per area; with k = 1/spacing, times
         # the area of a node, this is E*/2 in the plane. Any c > 0 has the same answers; c steers the active sets.
-        width = self.around * (self.area / self.around) ** (
-            1.0 - 1.0 / self.law.components
-        )  # 1 in the plane
+        # The width is 1 in the plane.
+        width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)
         return 0.5 * self.modulus * width[self.law.node]
 
     @property

@@ -297,9 +297,8 @@ def _unmatched(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarra
         start, end = edges[(match[edges[:, 0]] >= 0) & (match[edges[:, 1]] < 0)].T
         corners = other.corners.ravel()
         order = np.argsort(corners, kind="stable")
-        edge, place = together(
-            match[start], corners[order]
-        )  # an edge, and a facet at its start's partner
+        # Each edge meets the facets at its start's partner.
+        edge, place = together(match[start], corners[order])
         facet = other.xy[other.corners[order[place] // side.dimension]]
         away = side.xy[end] - side.xy[start] + other.xy[match[start]]
         # the neighbour, shifted with its paired node onto the partner, in barycentric coordinates of a facet there

@@ -335,9 +335,8 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
     # pressure would be rounding. The same pressure as at the neighbour of the largest D keeps constants exact.
     thin = (full * UNCOVERED > D) | side.bare
     for facet in side.facets[some & thin[side.facets].any(axis=1)]:
-        top = facet[
-            2 if side.bare[facet].any() else np.argmax(D[facet])
-        ]  # D of the other end may be the same
+        # At an axis the row of a middle counts; D of both ends may be the same.
+        top = facet[2 if side.bare[facet].any() else np.argmax(D[facet])]
         for node in facet[thin[facet]]:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top
@@ -360,14 +359,12 @@ def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
     points = np.einsum("qc,qcd->qd", side.cell.shapes(over.at), side.xy[side.facets[over.facet]])
     faces = (length > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))
     faces[nodes] = True
-    length[nodes] += rows.area - np.bincount(
-        place[faces], length[faces]
-    )  # of nodes that are left out
+    # The remainder of a row is the length of nodes that are left out.
+    length[nodes] += rows.area - np.bincount(place[faces], length[faces])
     some = length > 0.0
     centre = np.where(some[:, None], psi.T @ points / np.where(some, length, 1.0)[:, None], side.xy)
-    centre = np.where(
-        np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre
-    )  # rounding
+    # Centres that are the nodes but for rounding are the nodes.
+    centre = np.where(np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre)
     return Lines(place, side.xy, length, side.pieces(rows.seen), centre).only(faces)
 
 

@@ -13,8 +13,7 @@ from ddmpi.body.loads import values_at
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Drawing, Geometry, Interface, Lines, Partner, Places
 from ddmpi.interface.law import law_of
-from ddmpi.scene.contacts import NoFriction, SettledContact, Tresca
-from ddmpi.scene.values import Profile
+from ddmpi.scene.contacts import NoFriction, Profile, SettledContact, Tresca
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
 from ddmpi.surface.side import Side, frames, laplacian, unit

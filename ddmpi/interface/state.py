@@ -154,8 +154,7 @@ class ContactState:
     def forces(self) -> np.ndarray:
         """(m, d) force on the first body at each node (N): −(s_ν ν + s_t t)."""
         components = np.column_stack([self.normal_force, self.tangential_force])
-        frame = np.column_stack([self.interface.normal[:, None], self.interface.tangents])
-        return -np.einsum("mc,mcd->md", components, frame)
+        return -np.einsum("mc,mcd->md", components, self.interface.frame)
 
     def along(self, components: np.ndarray) -> np.ndarray:
         """(m, d) vectors of tangential components (m, d − 1)."""
@@ -221,11 +220,12 @@ class ContactState:
                 self.forces[lines.row].T * interface.shares + 0.0,
                 self.along(self.slip)[lines.row].T + 0.0,
             )
+            # Adding 0.0 makes −0.0 a zero.
             columns |= zip(
                 ("force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z"),
                 (*forces, *slip),
                 strict=True,
-            )  # no −0
+            )
         table = np.empty(len(lines.row), [(name, values.dtype) for name, values in columns.items()])
         for name, values in columns.items():
             table[name] = values

@@ -72,13 +72,15 @@ def normal_trace(side: int, places: Places, u: np.ndarray) -> np.ndarray:
 
 def seen(interface: Interface, frame: Frame) -> Interface:
     """The interface in the axes of a body's frame: its directions are turned back, places stay where they are."""
-    back = frame.turned
-    rows, fixed, probes = (
-        replace(places, normal=places.normal @ back)
-        for places in (interface.rows, interface.fixed, interface.probes)
+    back, fixed, probes = frame.turned, interface.fixed, interface.probes
+    turned = interface.frame @ back
+    return replace(
+        interface,
+        geometry=replace(interface.geometry, tangents=turned[:, 1:]),
+        rows=replace(interface.rows, normal=turned[:, 0]),
+        fixed=replace(fixed, normal=fixed.normal @ back),
+        probes=replace(probes, normal=probes.normal @ back),
     )
-    geometry = replace(interface.geometry, tangents=interface.tangents @ back)
-    return replace(interface, geometry=geometry, rows=rows, fixed=fixed, probes=probes)
 
 
 def placed(interface: Interface, frame: Frame) -> Interface:

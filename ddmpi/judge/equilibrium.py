@@ -312,8 +312,7 @@ class Forces(NamedTuple):
         tangential[law.sliding] = powers[law.m :].reshape(-1, d - 1, n)
         slope[law.sliding], bound[law.sliding] = law.slope(zero), law.slip_bound(zero)
         columns = np.concatenate([powers[: law.m, None], tangential], axis=1).reshape(law.m, -1)
-        tangents = interface.tangents.reshape(law.m, -1)
-        corners = _corners(columns, np.column_stack([interface.normal, tangents, slope]))
+        corners = _corners(columns, np.column_stack([interface.frame.reshape(law.m, -1), slope]))
         # Along a straight contact all nodes have the same tangential forces: one disc with the sum of their bounds.
         given, disc = np.unique(
             tangential[bound > 0.0].round(DIGITS + 2), axis=0, return_inverse=True

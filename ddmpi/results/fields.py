@@ -156,33 +156,52 @@ def write_fields(
     }
     arrays, places, spans = {}, {}, dict[int | str, np.ndarray]()
     for group, entries in everything.items():
-        number = np.array(
-            [(len(entry["points"]), len(entry["cells"])) for entry in entries.values()]
-        ).reshape(-1, 2)
-        mine = number.sum(axis=0, dtype=int)
-        ends, total = np.empty_like(mine), np.empty_like(mine)
-        MPI.Intracomm(world).Scan(mine, ends)
-        world.Allreduce(mine, total)
-        first = ends - number[::-1].cumsum(axis=0)[::-1]
+        first, number, total = _spans(entries, world)
         spans |= zip(entries, np.stack([first, number], axis=1), strict=True)
-        for name in next(iter(entries.values()), ()):
+        for name, data in _by_name(entries, first[:, 0]).items():
             if step is None or name in AT_STEPS or (group and tables):
                 kind = 0 if name in AT_NODES else 1
-                arrays[group + name] = [entry[name] for entry in entries.values()]
+                arrays[group + name] = data
                 places[group + name] = int(first[0, kind]), int(total[kind])
-        if f"{group}cells" in arrays:
-            arrays[f"{group}cells"] = [
-                entry["cells"] + start
-                for entry, start in zip(entries.values(), first[:, 0], strict=True)
-            ]
-    for name, table in (tables or {}).items():
-        for key, data in {**table, "span": spans[name]}.items():
-            arrays[f"contacts/{name}/{key}"], places[f"contacts/{name}/{key}"] = (
-                [data],
-                (0, len(data)),
-            )
+    for name, data in _of_tables(tables or {}, spans).items():
+        arrays[name], places[name] = [data], (0, len(data))
     write_rows(path / "result.h5", arrays, places, world, None if step is None else group_of(step))
     return gathered(world, spans)
+
+
+def _by_name(entries: Mapping[Any, Datasets], first: np.ndarray) -> dict[str, list[np.ndarray]]:
+    """The datasets of all entries by name; cells by the numbers of nodes among all, in which those of an entry begin
+    at `first` (k,)."""
+    names = next(iter(entries.values()), ())
+    data = {name: [entry[name] for entry in entries.values()] for name in names}
+    if "cells" in data:
+        data["cells"] = [cells + start for cells, start in zip(data["cells"], first, strict=True)]
+    return data
+
+
+def _of_tables(
+    tables: Mapping[str, Datasets], spans: Mapping[int | str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """The datasets of the tables of contacts, with their spans."""
+    return {
+        f"contacts/{name}/{key}": data
+        for name, table in tables.items()
+        for key, data in {**table, "span": spans[name]}.items()
+    }
+
+
+def _spans(
+    entries: Mapping[Any, Datasets], world: MPI.Comm
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first node and cell (k, 2) of this rank's entries among those of all ranks, their numbers (k, 2) of nodes and
+    cells, and these of all ranks (2,). Collective."""
+    sizes = [(len(entry["points"]), len(entry["cells"])) for entry in entries.values()]
+    number = np.array(sizes).reshape(-1, 2)
+    mine = number.sum(axis=0, dtype=int)
+    ends, total = np.empty_like(mine), np.empty_like(mine)
+    MPI.Intracomm(world).Scan(mine, ends)
+    world.Allreduce(mine, total)
+    return ends - number[::-1].cumsum(axis=0)[::-1], number, total
 
 
 def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:

@@ -187,28 +187,37 @@ def compute(
     if write:
         log.info("%s", scene.title or scene_path)
     with claim:
-        ladder, solved = MeshLadder(scene), None
+        ladder = MeshLadder(scene)
         identity = {} if world.rank else identify(scene, in_force(), versions())
         state = continue_from(world, restart, identity, ladder) if restart else None
         checkpoints = Checkpoints(world, folder, identity, scene.checkpoint, clock, ladder, state)
         with checkpoints.kept():
             if ladder.levels:
                 log.info("continuing with %s", ladder.meshes)
-            while solved is None:
-                try:
-                    solved = attempt()
-                except (InputError, SolverError) as failure:
-                    # an error on a finer mesh leaves the answer on the one before; a refused checkpoint leaves nothing
-                    refused = isinstance(failure, InputError) and checkpoints.continuing
-                    if refused or not failure.agreed or not ladder.fall_back(str(failure)):
-                        raise
-                if solved is None:
-                    checkpoints.leave()
-                    gc.collect()
-                    free_garbage()
+            solved = _climb(attempt, ladder, checkpoints)
     if write:
         _refuse_uncertified(solved, ladder)
     return solved
+
+
+def _climb(
+    attempt: Callable[[], Solved | None], ladder: MeshLadder, checkpoints: Checkpoints
+) -> Solved:
+    """What an `attempt` has solved, the first one that does not go on to another mesh. Collective."""
+    while True:
+        try:
+            solved = attempt()
+        except (InputError, SolverError) as failure:
+            # an error on a finer mesh leaves the answer on the one before; a refused checkpoint leaves nothing
+            refused = isinstance(failure, InputError) and checkpoints.continuing
+            if refused or not failure.agreed or not ladder.fall_back(str(failure)):
+                raise
+            solved = None
+        if solved is not None:
+            return solved
+        checkpoints.leave()
+        gc.collect()
+        free_garbage()
 
 
 def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:

@@ -19,6 +19,7 @@ from ddmpi.mesh.boundary import SHARPEST, corner_normals
 from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import Mesh, connected
 from ddmpi.surface.near import contained, most_inside
+from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import SAME, across, in_words, nearest_in
 
 AGAINST = 0.7
@@ -56,10 +57,10 @@ class Seam:
     within: int
     place: np.ndarray
 
-    def words(self, name: str) -> str:
+    def words(self, name: str) -> Doubt:
         """A warning of it, for a body of this name."""
         said = []
-        for count, one, several, how in (
+        for count, one, several, where in (
             (
                 self.doubled,
                 "node lies",
@@ -70,16 +71,17 @@ class Seam:
             (self.within, "side of a cell lies", "sides of cells lie", "within another cell"),
         ):
             if count:
-                said.append(f"{count} {one if count == 1 else several} {how}")
-        return (
+                said.append(f"{count} {one if count == 1 else several} {where}")
+        text = (
             f"body.{name}.mesh: {' and '.join(said)}, as at {in_words(self.place, 4)}: the sides that "
             "meet there are not connected, and may open or pass through each other; connect them in "
             "the mesh (gmsh: Coherence, or BooleanFragments before meshing), or, where the body may "
             "open, make two bodies of it with a contact between them"
         )
+        return Doubt(text, "seam", self.doubled + self.hanging + self.within)
 
 
-class _Skin:
+class Skin:
     """Facets (f, d) of a boundary, which stand for the smooth surface through their corners.
 
     Attributes
@@ -121,6 +123,11 @@ class _Skin:
         """(f,) at most so far is the smooth surface from the facets (m)."""
         return np.abs(self._bulge).sum(axis=1) / 4.0
 
+    @property
+    def hollow(self) -> np.ndarray:
+        """(f,) at most so far is the smooth surface inside of the facets (m)."""
+        return np.maximum(-self._bulge, 0.0).sum(axis=1) / 4.0
+
     def height(self, facet: np.ndarray, part: np.ndarray) -> np.ndarray:
         """(k, d) from some facets (k,) to the smooth surface, at barycentric coordinates (k, d − 1) of all corners but
         the first (m).
@@ -141,7 +148,7 @@ def find_seam(mesh: Mesh, groups: Collection[str] = (), name: str = "") -> Seam 
     that lie on each other.
     """
     facets = mesh.boundary[0][:, : mesh.dimension]
-    skin = _Skin(mesh.points, facets)
+    skin = Skin(mesh.points, facets)
     near = _lying(skin, mesh, name)
     named, seam = np.zeros(len(facets), bool), np.zeros(len(facets), bool)
     seam[near] = True
@@ -157,7 +164,7 @@ def find_seam(mesh: Mesh, groups: Collection[str] = (), name: str = "") -> Seam 
     return Seam(doubled, hanging, len(within), places[0]) if len(places) else None
 
 
-def _lying(skin: _Skin, mesh: Mesh, name: str) -> np.ndarray:
+def _lying(skin: Skin, mesh: Mesh, name: str) -> np.ndarray:
     """Pairs (p, 2) of facets, the first of which lies on the second, turned against it. Raises InputError for facets
     that lie on each other and are turned alike."""
     d = skin.facets.shape[1]
@@ -187,7 +194,7 @@ def _lying(skin: _Skin, mesh: Mesh, name: str) -> np.ndarray:
     return np.unique(np.column_stack([own, other])[against], axis=0)
 
 
-def _nodes_of(skin: _Skin, pairs: np.ndarray) -> tuple[int, int, np.ndarray]:
+def _nodes_of(skin: Skin, pairs: np.ndarray) -> tuple[int, int, np.ndarray]:
     """How many nodes of a seam are doubled, how many hang, and all of them, by `pairs` (p, 2) of facets that lie on
     each other, each in both orders."""
     x, (one, two) = skin.points, skin.facets[pairs].swapaxes(0, 1)
@@ -208,7 +215,7 @@ def _nodes_of(skin: _Skin, pairs: np.ndarray) -> tuple[int, int, np.ndarray]:
     return len(doubled) - len(places), len(hanging), np.concatenate([doubled, hanging])
 
 
-def _within(mesh: Mesh, skin: _Skin) -> np.ndarray:
+def _within(mesh: Mesh, skin: Skin) -> np.ndarray:
     """(k, d) the middles of facets that lie within cells that have no node of them, deeper than curvature explains."""
     middle, cells = skin.ends.mean(axis=1), mesh.corners
     # what lies on sides of other cells lies in one of them a little further inward, not along a side

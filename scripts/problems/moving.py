@@ -220,9 +220,8 @@ def gear_theory() -> tuple[float, float]:
     """Largest stiffness of a pair of teeth by ISO 6336-1 (N/(mm µm)), without its factor for measured gears, and the
     loss of power over μ by the formula of ISO/TR 14179 (u = 1, ε₁ = ε₂)."""
     z, ra = 20, 33.0
-    stiff = 0.975 / (
-        0.04723 + 0.15551 / z + 0.25791 / z
-    )  # basic rack with a dedendum of 1.25 modules
+    # The basic rack has a dedendum of 1.25 modules.
+    stiff = 0.975 / (0.04723 + 0.15551 / z + 0.25791 / z)
     part = z / (2.0 * np.pi) * (np.sqrt((ra / BASE) ** 2 - 1.0) - np.tan(np.radians(20.0)))  # ε₁
     return stiff, 2.0 * np.pi / z * (1.0 - 2.0 * part + 2.0 * part**2)
 

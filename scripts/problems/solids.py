@@ -62,9 +62,8 @@ def with_nodes(
     inner = np.concatenate(
         [np.column_stack([i, j])[i + j < K] + 1 / 3, np.column_stack([i, j])[i + j < K - 1] + 2 / 3]
     )
-    hats = np.column_stack(
-        [inner / K, 1.0 - inner.sum(axis=1) / K]
-    )  # at the middles of K² parts of a facet
+    # Values are taken at the middles of K² parts of a facet.
+    hats = np.column_stack([inner / K, 1.0 - inner.sum(axis=1) / K])
 
     def hertz(places: np.ndarray) -> np.ndarray:
         return np.interp(np.linalg.norm(places, axis=-1), curve.exact_x, curve.exact, right=0.0)

@@ -195,9 +195,8 @@ def test_the_far_side_of_a_ring_is_no_partner(order):
                 *(wheel.points[contact.rows.nodes[0]] - [0.0, 1.001]).T
             ) == pytest.approx(1.0, abs=6e-3)
             assert wheel.points[contact.rows.nodes[0], 1].max() < 0.6
-            assert contact.gap.min() == pytest.approx(
-                1e-3, abs=5e-3
-            )  # a mean over two sides of 10°
+            # The gap is a mean over two sides of 10°.
+            assert contact.gap.min() == pytest.approx(1e-3, abs=5e-3)
 
 
 def walls(divisions: int, order: int) -> Side:

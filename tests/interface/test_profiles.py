@@ -6,8 +6,7 @@ from boundaries import join, pair, rectangle, ring, side, touch, turned, uncover
 
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.contacts import Coulomb, Plane, SignedProfile
-from ddmpi.scene.values import Profile
+from ddmpi.scene.contacts import Coulomb, Plane, Profile, SignedProfile
 from ddmpi.surface.side import Side
 
 LENGTH = 3.0

@@ -2,15 +2,18 @@
 
 from dataclasses import replace
 
+import meshio
 import numpy as np
 import pytest
 import solids
 from scipy.spatial.transform import Rotation
+from test_lost_nodes import msh
 
 from ddmpi.body.hinges import refuse_hinges
 from ddmpi.body.rigid_motions import rigid_motions
 from ddmpi.errors import InputError
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.read import read_mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import MeshSpec
@@ -122,6 +125,35 @@ def test_parts_that_lie_within_each_other_are_told(d, order, size):
     aligned = block((0.5, *(0.25,) * (d - 1)), (1.5, *(0.75,) * (d - 1)), (4, *(2,) * (d - 1)))
     seam = find_seam(placed(joined(one, aligned, merge=unmerged), order, size))
     assert seam is not None and seam.within >= {2: 6, 3: 40}[d] and seam.doubled == 0
+
+
+@pytest.mark.parametrize("ending", ["2.2.msh", "4.1.msh", ".med", ".vtk", ".vtu", ".inp"])
+def test_seams_are_found_in_every_format(tmp_path, ending):
+    """Nodes that are not merged and T-junctions; a file's nodes stay apart as it has them."""
+    above = block((0, 1), (1, 2), (4, 4))
+    mesh = joined(TWO[2][0], COARSER[2], above, merge=lambda at: at[:, 1] != 1.0)
+    ends = mesh.boundary[0][(mesh.points[mesh.boundary[0], 1] == 0.0).all(axis=1)]
+    path, at = tmp_path / f"a{ending}", np.pad(mesh.points, ((0, 0), (0, 1)))
+    if ending.endswith(".msh"):
+        msh(path, 1 + mesh.triangles, 1 + ends, at, ending[:3])
+    elif ending == ".inp":
+        rows = ["*NODE", *(f"{k}, {x}, {y}" for k, (x, y, _) in enumerate(at.tolist(), 1))]
+        rows += ["*ELEMENT, TYPE=CPS3"]
+        rows += [f"{k}, {a}, {b}, {c}" for k, (a, b, c) in enumerate(1 + mesh.triangles, 1)]
+        rows += ["*NSET, NSET=bottom", *map(str, 1 + np.unique(ends))]
+        path.write_text("\n".join(rows) + "\n")
+    else:
+        tags = [np.full(len(ends), 1), np.full(len(mesh.triangles), 2)]
+        written = meshio.Mesh(at, [("line", ends), ("triangle", mesh.triangles)])
+        written.cell_data["CellEntityIds"] = tags
+        if ending == ".med":
+            written.points = mesh.points
+            written.cell_data = {"cell_tags": [-tag for tag in tags]}
+            written.cell_tags = {-1: ["bottom"], -2: ["all"]}
+        written.write(path)
+    seam = find_seam(read_mesh(path, "a"))
+    # at (1, 1) three nodes lie in one place
+    assert seam is not None and (seam.doubled, seam.hanging) == (6, 2)
 
 
 @pytest.mark.parametrize("d", [2, 3])

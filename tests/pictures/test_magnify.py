@@ -206,7 +206,6 @@ def test_bodies_are_drawn_at_the_magnification_in_the_title():
     figure = draw_bodies(results)
     outline = np.concatenate(figure.axes[0].collections[-1].get_segments())
     heights = outline[np.isclose(outline[:, 0], 3.0), 1]
-    assert np.unique(heights.round(9)) == pytest.approx(
-        np.linspace(0.0, 2.0, 17)
-    )  # one line where they touch
+    # There is one line where they touch.
+    assert np.unique(heights.round(9)) == pytest.approx(np.linspace(0.0, 2.0, 17))
     assert "displacement × 2000, largest 100 µm" in figure._suptitle.get_text()

@@ -34,7 +34,7 @@ from ddmpi.pictures.sheet import limits
 from ddmpi.results.fields import group_of
 from ddmpi.results.tables import STATUS, read_results
 from ddmpi.run.run import prepare_scene
-from ddmpi.scene.method import VIEWS, Output
+from ddmpi.scene.output import VIEWS, Output
 from ddmpi.scene.reader import read_scene
 
 
