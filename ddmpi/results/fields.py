@@ -163,8 +163,8 @@ def write_fields(
                 kind = 0 if name in AT_NODES else 1
                 arrays[group + name] = data
                 places[group + name] = int(first[0, kind]), int(total[kind])
-    for name, data in _of_tables(tables or {}, spans).items():
-        arrays[name], places[name] = [data], (0, len(data))
+    for name, table in _of_tables(tables or {}, spans).items():
+        arrays[name], places[name] = [table], (0, len(table))
     write_rows(path / "result.h5", arrays, places, world, None if step is None else group_of(step))
     return gathered(world, spans)
 

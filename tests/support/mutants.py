@@ -2707,8 +2707,8 @@ MUTANTS = [
         (
             "cells of the second body have the first one's nodes",
             "results/fields",
-            'entry["cells"] + start',
-            'entry["cells"]',
+            "cells + start",
+            "cells",
             "results/test_fields.py::test_meshio_reads_all_bodies",
         ),
         # derivatives
