@@ -163,7 +163,7 @@ def ends_of_clamps(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray
     # What a contact does at a corner is not known.
     touching = np.zeros(len(mesh.points), bool)
     for interface in body.member.interfaces:
-        touching[interface.nodes[interface.side(body.spec.name)]] = True
+        touching[interface.rows.nodes[interface.side(body.spec.name)]] = True
     met = touching[facets[bends.facets]].all(axis=2).any(axis=1)
     least[met] = np.pi - SHARPEST
     return (clamped.sum(axis=1) == 1) & (np.pi - bends.turn > least + SAME)
@@ -184,8 +184,9 @@ def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]
     both : `Ends` of its two bodies; None for a rigid partner
     """
     bonded, ends = interface.law.name == "bonded", [one for one in both if one is not None]
-    rows = interface.lines.row[bears[interface.lines.row]]
-    acting, reach = interface.lines.acting[bears[interface.lines.row]], reaches(interface)[rows]
+    bearing = bears[interface.lines.row]
+    rows, acting = interface.lines.row[bearing], interface.lines.acting[bearing]
+    reach = reaches(interface)[rows]
     at = []
     sides = np.concatenate([one.sides[np.isfinite(one.angles)] for one in ends])
     for side in np.unique(sides, axis=0):

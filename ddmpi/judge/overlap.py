@@ -18,6 +18,7 @@ from ddmpi.mesh.elements import cell_with, normals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.near import distance_to, in_cells, most_inside
+from ddmpi.surface.seams import Skin
 from ddmpi.system.agreement import gathered
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import ALIKE, SAME, Frame, RigidMotion, in_words
@@ -79,21 +80,9 @@ class Solid:
 
     @cached_property
     def sagitta(self) -> np.ndarray:
-        """(f,) by how much the true boundary may lie inside of a facet (m), as it does where it is hollow.
-
-        At a corner of a facet the boundary is turned by the angle to the mean normal of the facets there. On a circle
-        the angle times half a chord is twice the sagitta.
-        """
-        ends = self.at[self.facets[:, :-1]]
-        normal = normals(ends)
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        mean = np.zeros_like(self.at)
-        np.add.at(mean, self.facets[:, :-1], normal[:, None])
-        mean = mean[self.facets[:, :-1]]
-        mean /= np.maximum(np.linalg.norm(mean, axis=2), np.finfo(float).tiny)[:, :, None]
-        curved = np.einsum("fkd,fd->fk", mean, normal) > np.cos(0.5)  # (rad); corners turn by more
-        inward = np.einsum("fkd,fkd->fk", mean - normal[:, None], ends.mean(axis=1)[:, None] - ends)
-        return np.where(curved, inward, 0.0).max(axis=1, initial=0.0)
+        """(f,) by how much the true boundary may lie inside of a facet (m), as it does where it is hollow, and once more
+        as much for what is not known of its curvature."""
+        return 2.0 * Skin(self.at, self.facets[:, :-1]).hollow
 
     def placed(self, fraction: float) -> np.ndarray:
         """Its nodes (n, d) after a `fraction` of their displacements (m)."""
@@ -250,7 +239,7 @@ def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
                 nodes[interface.side(body)]
                 for interface in interfaces
                 if set(interface.bodies) == {body, other}
-                for nodes in (interface.nodes, interface.fixed.nodes)
+                for nodes in (interface.rows.nodes, interface.fixed.nodes)
             ),
         ]
     )

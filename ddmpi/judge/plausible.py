@@ -214,13 +214,12 @@ def _moved(
         largest = float(np.linalg.norm(u, axis=1).max())
         for interface in body.member.interfaces:
             side = interface.side(body.spec.name)
-            rows = interface.transfer[side] @ u[interface.nodes[side]]
-            mine[interface.name, side] = rows, largest
+            mine[interface.name, side] = interface.rows.moved(side, u), largest
     both, found = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
         first, second = both[interface.name]
         met = states[interface.name].interface
-        carried = met.carried(met.places)
+        carried = met.partner.carried(met.places)
         other, largest = second or (0.0, 0.0)
         found[interface.name] = first[0] - other - carried, max(first[1], largest)
     return found
@@ -301,7 +300,7 @@ def _points_that_carry(
     }
     if not points:
         return
-    supported = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
+    supported = [interface.rows.nodes[interface.side(name)] for interface in body.member.interfaces]
     supported += [
         np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups
     ]
@@ -514,7 +513,7 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
     other = ""
     if interface.slave:
         slave = interface.side(interface.slave)
-        if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
+        if len(interface.rows.nodes[1 - slave]) > len(interface.rows.nodes[slave]):
             other = f" or write slave = {interface.bodies[1 - slave]!r}"
     yield Doubt(
         f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
@@ -534,7 +533,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     interface, number = state.interface, len(state.status)
     if interface.law.two_sided or number < 3:
         return
-    pairs = np.column_stack(sparse.triu(interface.laplacian, 1).nonzero())
+    pairs = np.column_stack(sparse.triu(interface.geometry.laplacian, 1).nonzero())
     d, closed = interface.dimension, state.status != "open"
     both = closed[pairs].all(axis=1)
     links = sparse.csr_matrix((np.ones(both.sum()), pairs[both].T), (number, number))
@@ -548,7 +547,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
     twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis
     enclosed = (twice * curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
-    facets = interface.facets[:, :d]
+    facets = interface.geometry.facets[:, :d]
     bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
     sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
     sharp = sharp[~axis[sharp]]
@@ -557,7 +556,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
         np.bincount(zone, closed, number) * twice,
         np.bincount(zone, state.normal_force, number),
     )
-    least = (2 * cell_with(interface.facets.shape[1], d - 1).order + 1) ** (
+    least = (2 * cell_with(interface.geometry.facets.shape[1], d - 1).order + 1) ** (
         d - 1
     )  # nodes; fewer say little of it
     poor = (
@@ -622,7 +621,7 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> Ite
         if rigid is None
         else (np.full_like(spacing, rigid.bend), LIMIT["turn"])
     )
-    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
+    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.tangents, moved), axis=1)
     slid = np.where(closed, along, 0.0) / far
     k = int(np.argmax(slid))
     if slid[k] > limit:

@@ -163,8 +163,8 @@ def write_fields(
                 kind = 0 if name in AT_NODES else 1
                 arrays[group + name] = data
                 places[group + name] = int(first[0, kind]), int(total[kind])
-    for name, data in _of_tables(tables or {}, spans).items():
-        arrays[name], places[name] = [data], (0, len(data))
+    for name, table in _of_tables(tables or {}, spans).items():
+        arrays[name], places[name] = [table], (0, len(table))
     write_rows(path / "result.h5", arrays, places, world, None if step is None else group_of(step))
     return gathered(world, spans)
 
@@ -233,8 +233,7 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     axis of the whole circumference. `values` are `leg_values`, by default the present ones. Not collective.
     """
     interface = state.interface
-    outline = interface.outline
-    assert outline is not None
+    outline = interface.drawing.outline
     forces = _forces_of(state, values)
     values = leg_values(state) if values is None else values
     most = np.zeros(len(outline.xy), int)  # a status is that of the row with the largest share
@@ -267,7 +266,7 @@ def _forces_of(state: ContactState, values: np.ndarray | None) -> np.ndarray:
     normal, along = (values[:, k] * interface.area for k in range(2))
     if len(values.T) > len(AT_CONTACT):
         return np.column_stack([normal, values[:, len(AT_CONTACT) : len(AT_CONTACT) + 3]])
-    force = -normal[:, None] * interface.normal - along[:, None] * interface.frame[:, 1]
+    force = -normal[:, None] * interface.normal - along[:, None] * interface.tangents[:, 0]
     return np.column_stack([normal, force])
 
 
@@ -298,15 +297,11 @@ def shared_out(outline: Outline, forces: np.ndarray) -> np.ndarray:
 def table_fields(state: ContactState, far: bool = False) -> dict[str, np.ndarray]:
     """What result.h5 adds to the table of a contact, by its lines: its `drawn_facets` and initial gaps (m); where
     bodies move `far` also its normals, which differ from step to step."""
-    interface = state.interface
-    normals = (
-        dict(zip(("nx", "ny", "nz"), interface.normal[interface.lines.row].T, strict=False))
-        if far
-        else {}
-    )
-    return normals | {
-        "facets": drawn_facets(interface.lines, interface.axisymmetric),
-        "initial_gap": interface.gap[interface.lines.row],
+    interface, lines = state.interface, state.interface.lines
+    normals = interface.normal[lines.row].T if far else ()
+    return dict(zip(("nx", "ny", "nz"), normals, strict=False)) | {
+        "facets": drawn_facets(lines, interface.axisymmetric),
+        "initial_gap": interface.gap[lines.row],
     }
 
 

@@ -15,7 +15,8 @@ from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.judge.motions import TURN
 from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
-from ddmpi.scene.method import Cycle, units
+from ddmpi.scene.output import units
+from ddmpi.scene.time import Cycle
 from ddmpi.system.files import MECHANISM, writing
 from ddmpi.system.numbers import RigidMotion, in_words, moment, place_of_largest
 

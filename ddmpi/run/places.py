@@ -110,7 +110,7 @@ class FarMarch(March):
         missed = {
             name
             for name, state in solution.states.items()
-            if (state.between[len(state.between) - state.interface.beyond :] < 0.0).any()
+            if (state.between[len(state.between) - state.interface.probes.beyond :] < 0.0).any()
         }
         missed = set().union(*self.assembly.world.allgather(missed))
         self._whole = self._whole | missed if missed else frozenset()

@@ -560,7 +560,7 @@ class Iteration:
             return None
         name, probes = interface.bodies[0], interface.probes
         points = next(body.mesh.points for body in self.assembly.bodies if body.spec.name == name)
-        beyond = interface.carried(probes.moved(0, points))
+        beyond = interface.partner.carried(probes.moved(0, points))
         closing = sum(closing for closing, *_ in near)
         return (
             probes.opening(interface.scale) + np.einsum("qd,qd->q", probes.normal, beyond) - closing
@@ -574,8 +574,8 @@ def _slides(
     bodies beside the nodes. None in a lean solution, and with friction."""
     if near[0][0] is None or not interface.law.frictionless:
         return None
-    carried = interface.carried(interface.places)
-    gone = np.einsum("mcd,md->mc", interface.frame[:, 1:], carried)
+    carried = interface.partner.carried(interface.places)
+    gone = np.einsum("mcd,md->mc", interface.tangents, carried)
     return sum(along for _, along, _ in near) - gone, before
 
 
