@@ -307,7 +307,12 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> Recovery:
         )
     outer = np.searchsorted(vertices, np.unique(mesh.boundary[0][:, : mesh.dimension]))
     cells = np.repeat(np.arange(len(corners)), corners.shape[1])
-    patches = sparse.csr_matrix((np.ones(corners.size), (corners.ravel(), cells)))  # (m, nt)
+    around = sparse.csr_matrix((np.ones(corners.size), (corners.ravel(), cells)))  # (m, nt)
+    # At the boundary cells count as often as they are around the vertex or one beside it.
+    at_boundary = np.zeros(len(at))
+    at_boundary[outer] = 1.0
+    beside = sparse.diags(at_boundary) @ around @ around.T > 0.0
+    patches = sparse.csr_matrix(around + beside.astype(float) @ around)
     fits = np.empty((comb(mesh.dimension + order, order), len(sampled), len(at)))
     ends = np.arange(0, patches.nnz + STRAIGHT_BLOCK, STRAIGHT_BLOCK)
     ends = np.unique(np.searchsorted(patches.indptr, ends).clip(max=len(at)))
@@ -315,11 +320,9 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> Recovery:
         some = patches[first:last]
         vertex = first + np.repeat(np.arange(last - first), np.diff(some.indptr))
         p = _monomials((places[..., some.indices] - at[vertex].T[:, None]) / reach[vertex], order)
-        fits[..., first:last] = _fits(
-            p, sampled[..., some.indices], some.indptr[:-1], mesh.dimension + 1
-        )
+        fits[..., first:last] = _fits(p, sampled[..., some.indices], some, mesh.dimension + 1)
     found = Recovery(np.zeros((len(sampled), len(mesh.points))), fits, corners, at, reach, order)
-    _borrow(found, patches, outer, mesh.cell.nodes[:, 1:])
+    _borrow(found, around, outer, mesh.cell.nodes[:, 1:])
     found.nodes[:, vertices] = fits[0]
     for node, between in zip(
         mesh.triangles.T[mesh.dimension + 1 :], mesh.cell.between, strict=True
@@ -336,9 +339,9 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> Recovery:
 
 
 def _borrow(
-    found: Recovery, patches: sparse.csr_matrix, lonely: np.ndarray, points: np.ndarray
+    found: Recovery, around: sparse.csr_matrix, lonely: np.ndarray, points: np.ndarray
 ) -> None:
-    """Give `lonely` vertices (k,) the mean of the polynomials of the others that share `patches` (m, nt) of cells.
+    """Give `lonely` vertices (k,) the mean of the polynomials of the others that share cells `around` them (m, nt).
 
     With few cells, all on one side, a fit follows their errors. First those beside others borrow, then those beside
     these, as at corners of one cell. Where there are none, as in walls of one element, fits stay. A polynomial is known
@@ -348,7 +351,7 @@ def _borrow(
     others = np.ones(len(found.at))
     others[lonely] = 0.0
     for _ in range(EDGES):
-        lenders = sparse.csr_matrix(patches[lonely] @ patches.T @ sparse.diags(others))
+        lenders = sparse.csr_matrix(around[lonely] @ around.T @ sparse.diags(others))
         lenders.eliminate_zeros()
         some = np.flatnonzero(np.diff(lenders.indptr))
         for block in blocks(len(some)):
@@ -363,15 +366,16 @@ def _borrow(
         lonely = np.delete(lonely, some)
 
 
-def _fits(p: np.ndarray, sampled: np.ndarray, starts: np.ndarray, first: int) -> np.ndarray:
-    """Polynomials (k, n, j) fitted to the samples (n, q, i) of cells, of which those from `starts` (j,) on belong
-    together, with monomials p (k, q, i). With too few samples they are linear, with `first` terms, or their mean."""
-    k, n = len(p), len(sampled)
+def _fits(p: np.ndarray, sampled: np.ndarray, patches: sparse.csr_matrix, first: int) -> np.ndarray:
+    """Polynomials (k, n, j) fitted to the samples (n, q, i) of the i cells in the rows of `patches`
+    (j, nt), with monomials p (k, q, i). With too few samples they are linear, with `first` terms,
+    or their mean."""
+    k, n, starts = len(p), len(sampled), patches.indptr[:-1]
     M, right = np.empty((len(starts), k, k)), np.empty((len(starts), k, n))
-    for a in range(k):
+    for a, weighted in enumerate(patches.data * p):
         for b in range(a, k):
-            M[:, a, b] = M[:, b, a] = np.add.reduceat((p[a] * p[b]).sum(axis=0), starts)
-        right[:, a] = np.add.reduceat((p[a] * sampled).sum(axis=1), starts, axis=1).T
+            M[:, a, b] = M[:, b, a] = np.add.reduceat((weighted * p[b]).sum(axis=0), starts)
+        right[:, a] = np.add.reduceat((weighted * sampled).sum(axis=1), starts, axis=1).T
     fit, left = np.zeros_like(right), np.arange(len(starts))
     for terms in (k, first, 1):
         solvable = left[_well_posed(M[left, :terms, :terms])]

@@ -322,15 +322,13 @@ def test_an_estimate_is_near_the_error_of_a_contact_problem(scene, order, way):
 
 
 @ORDERS
-@pytest.mark.parametrize(
-    "divisions, least", [((6, 1), 0.8), ((48, 1), 0.8), ((1, 1), 0.45)], ids=str
-)
-def test_bodies_without_inner_vertices_get_a_rough_estimate(order, divisions, least):
-    """From fits to the elements at the boundary alone."""
+@pytest.mark.parametrize("divisions", [(6, 1), (48, 1), (1, 1)], ids=str)
+def test_bodies_without_inner_vertices_get_a_rough_estimate(order, divisions):
+    """The elements around a vertex of the boundary and around those beside it stand in."""
     size = (3.0, 3.0 / divisions[0]) if divisions[0] > 1 else (1.0, 1.0)
     mesh = generate_rectangle(MeshSpec(shape="rectangle", size=size, divisions=divisions))
     _, ratio = effectivity(mesh if order == 1 else raise_order(mesh, "mesh"), wave_stress)
-    assert least <= ratio <= {1: 1.25, 2: 1.4}[order]
+    assert {1: 0.8, 2: 0.6}[order] <= ratio <= {1: 1.25, 2: 1.5}[order]
 
 
 @ORDERS
