@@ -208,6 +208,7 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
         run = subprocess.run(
             [
                 sys.executable,
+                "-P",
                 "-m",
                 "ddmpi",
                 "run",

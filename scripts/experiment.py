@@ -54,9 +54,8 @@ class Ledger:
                     header, *lines = list(csv.reader(file)) or [[]]
                 if tuple(header) != self.columns:
                     error = f"{path} has other columns than this script writes; move it away"
-                complete = [
-                    line for line in lines if len(line) == len(self.columns)
-                ]  # the last one may be torn
+                # The last one may be torn.
+                complete = [line for line in lines if len(line) == len(self.columns)]
                 self.rows = [
                     dict(zip(self.columns, map(_value, line), strict=True)) for line in complete
                 ]

@@ -354,6 +354,7 @@ def beside(folder: Path) -> dict:
 def run(exhibit: Exhibit, output: Path) -> dict:
     """Run a scene as a user would, unless its results are in `output`; its checked summary. Raises ValueError."""
     if not (output / "summary.json").exists():
+        # The environment is without what MPI adds to it.
         done = subprocess.run(
             [
                 ROOT / "scripts" / "run.sh",
@@ -366,7 +367,7 @@ def run(exhibit: Exhibit, output: Path) -> dict:
             text=True,
             capture_output=True,
             env=dict(os.environ),
-        )  # without what MPI adds to it
+        )
         if done.returncode != (3 if exhibit.refused else 0):
             raise ValueError(
                 f"{exhibit.scene} ended with {done.returncode}:\n{done.stdout}{done.stderr}"

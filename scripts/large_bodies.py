@@ -40,9 +40,8 @@ UNKNOWN: Row = {"n": 0, "n_A": 0} | dict.fromkeys(
 def measure_large(
     folder: Path, scene: str, millions: float, ranks: int, kind: str, order: int, limit: float
 ) -> Row:
-    solid = (
-        scene == "two_boxes"
-    )  # two bodies of 9 N (N + 1)² unknowns, of 2 (3N + 1) (N + 1) in the plane
+    # The two bodies have 9 N (N + 1)² unknowns, in the plane 2 (3N + 1) (N + 1).
+    solid = scene == "two_boxes"
     N = round(
         ((millions * 1e6 / 18) ** (1 / 3) - 2 / 3 if solid else math.sqrt(millions * 1e6 / 12))
         / order

@@ -43,7 +43,8 @@ SCENES = sorted(
 COARSE = {f"body.{body}.mesh.divisions": [18, 6] for body in ("upper", "lower")}
 SETTINGS = {exhibit.scene: exhibit.settings for exhibit in EXHIBITS} | {
     f"pinched_blocks_{law}": COARSE for law in ("coulomb", "frictionless", "tresca")
-}  # by the paper's method
+}
+"""Settings by scene; the last ones are by the paper's method."""
 
 ROUNDING = 1e-7
 """On several ranks a body MUMPS adds up in any order: forces then agree up to this part of the largest."""
@@ -224,9 +225,8 @@ def main() -> None:
     parser.add_argument("--cases", type=int, default=CASES)
     options = parser.parse_args()
     world = MPI.COMM_WORLD
-    by_body = {
-        name: read_scene_file(scene_of(name), []).method.by_body for name in SCENES
-    }  # a rank for each body
+    # The paper's method takes a rank for each body.
+    by_body = {name: read_scene_file(scene_of(name), []).method.by_body for name in SCENES}
     own = sorted(
         (name for name in SCENES if world.size == 2 or not by_body[name]),
         key=lambda name: "drawn" in name,

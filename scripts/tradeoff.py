@@ -389,9 +389,8 @@ def in_box(points: np.ndarray, u: np.ndarray, order: int, at: np.ndarray) -> np.
     inside = np.clip(x - cell, 0.0, 1.0)
     axes = np.argsort(-inside, axis=1, kind="stable")
     down = np.take_along_axis(inside, axes, axis=1)
-    part = -np.diff(
-        np.column_stack([np.ones(len(at)), down, np.zeros(len(at))]), axis=1
-    )  # barycentric coordinates
+    # `part` are the barycentric coordinates.
+    part = -np.diff(np.column_stack([np.ones(len(at)), down, np.zeros(len(at))]), axis=1)
     corner = cell[:, None] + np.concatenate(
         [np.zeros((len(at), 1, d)), np.cumsum(np.eye(d)[axes], axis=1)], axis=1
     )

@@ -197,9 +197,8 @@ def picture(its: Problem, runs: Runs) -> Callable:
             figure.colorbar(shown, ax=left)
         for each in () if its.in_space else bodies.values():
             corners = each.triangles[:, :3]
-            points = (
-                each.points if each.in_frame is None else each.points + each.displacement
-            )  # where it is
+            # The body is drawn where it is.
+            points = each.points if each.in_frame is None else each.points + each.displacement
             left.tripcolor(*points.T, corners, each.von_mises, vmin=0.0, vmax=top, cmap="viridis")
             if len(corners) < 3000:
                 left.triplot(*points.T, corners, color="white", linewidth=0.3, alpha=0.6)
@@ -261,9 +260,8 @@ def main() -> None:
         help="the coarsest meshes only; nothing goes to docs/tables/",
     )
     options = parser.parse_args()
-    logging.getLogger("ddmpi").setLevel(
-        logging.ERROR
-    )  # what is small enough to warn of is meant here
+    # Only errors are printed: what is small enough to warn of is meant here.
+    logging.getLogger("ddmpi").setLevel(logging.ERROR)
     runs: Runs = {}
     wrong, start = [], time.perf_counter()
     for name in options.only:
@@ -272,9 +270,8 @@ def main() -> None:
             for order in its.orders:
                 with tempfile.TemporaryDirectory() as folder:
                     found = its.measure(n, order, Path(folder))
-                drawn = (
-                    n == its.meshes[0] and order == its.orders[-1]
-                )  # the others' factors are 15 GB in all
+                # Answers that are not drawn go: their factors are 15 GB in all.
+                drawn = n == its.meshes[0] and order == its.orders[-1]
                 runs[name, n, order] = found if drawn else replace(found, answer=None)
                 wrong += [
                     f"{name}, n = {n}, {described(order)}: {key} is {value.computed:g}, exact {value.exact:g}"

@@ -8,6 +8,7 @@ import re
 import shlex
 import shutil
 import sys
+import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
@@ -22,10 +23,11 @@ os.environ["DDMPI_LOCKSTEP"] = str(SUPPORT / "lockstep.py")
 os.environ |= {"OMPI_MCA_mpi_yield_when_idle": "1"}
 """A rank that waits gives way: on a busy machine this halves the time of tests on several ranks."""
 
+# What the studies share is tested, too.
 sys.path += [
     str(SUPPORT),
     str(SUPPORT.parents[1] / "scripts"),
-]  # what the studies share is tested, too
+]
 
 
 class Quiet(int):
@@ -36,8 +38,10 @@ class Quiet(int):
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """One time limit for all tests on several ranks; -q works."""
+    """One time limit for all tests on several ranks; -q works; temporary folders of this run alone."""
     from scenes import LIMIT
+
+    own_temporary_root(config)
 
     config.option.mpi_default_test_timeout = config.option.mpi_default_test_timeout or LIMIT
     if config.option.verbose < 0:
@@ -48,6 +52,18 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers", "hosts: runs on several hosts, which scripts/local_hosts.sh makes"
     )
+
+
+def own_temporary_root(config: pytest.Config) -> None:
+    """A root of temporary folders for this run, its workers and its ranks, which goes with it.
+
+    In the root that a user's sessions share, one with pytest's usual retention takes away folders whose locks are gone,
+    and pytest-isolate-mpi uses such folders on.
+    """
+    if not os.environ.get("PYTEST_DEBUG_TEMPROOT"):
+        root = os.environ["PYTEST_DEBUG_TEMPROOT"] = tempfile.mkdtemp(prefix="ddmpi-tests-")
+        config.add_cleanup(lambda: os.environ.pop("PYTEST_DEBUG_TEMPROOT", None))
+        config.add_cleanup(lambda: shutil.rmtree(root, ignore_errors=True))
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
@@ -156,9 +172,8 @@ class Kept:
         if any(report.failed for report in new):
             if len(item.session.items) > 1:
                 MPI.COMM_WORLD.Abort(1)  # the other ranks may wait for this one
-            start = (
-                time.monotonic()
-            )  # mpirun ends them with this one, and some may be about to report
+            # mpirun ends the others with this one, and some may be about to report.
+            start = time.monotonic()
             while (
                 len([*path.parent.iterdir()]) < MPI.COMM_WORLD.size
                 and time.monotonic() - start < self.GRACE

@@ -39,13 +39,14 @@ NEVERS = [
 ]
 """A room, what it never imports, and which of its modules may."""
 
+# The last pattern turns a vector of two components.
 ASKS = re.compile(
     r"\b(?:dimension|components)\b (?:==|!=|<|>|<=|>=) \d"  # compares it
     r"|\b\w?x\w?, \w?y\w?\)?(?: =| in\b)|\(x, y\), \("  # takes points apart into two coordinates
     r"|(?:np\.empty|np\.zeros)\(\((?:0|len\(\w+\)|\w+), 2\)"  # makes vectors of two components
     r"|isinstance\(\w+, (?:Curve|Patch)\)|facets\.shape\[1\] == \d|law\.size > law\.m"  # in other words
     r"|\[-(\w+)\[1\], \1\[0\]\]"
-)  # turns a vector of two components
+)
 """Code that asks for the dimension, or takes it to be two."""
 
 PLACES = {
@@ -66,7 +67,7 @@ PLACES = {
     # columns, units and the name of the preconditioner
     "check/drawing": 1,
     "results/tables": 1,
-    "scene/method": 1,
+    "scene/output": 1,
     "run/report": 1,
     # a scene in the plane has plane strain or plane stress
     "scene/bodies": 1,

@@ -11,10 +11,8 @@ from collections.abc import Callable
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.system.numbers import in_words
 
@@ -23,48 +21,6 @@ MOST = 300
 
 FREE = 1e-13
 """A motion is free if the squares of what it moves that is held are below this fraction of the largest."""
-
-
-def parts(mesh: Mesh) -> np.ndarray:
-    """(nt,) the number of the part that each cell is of: cells of one part are connected by common facets. One for all
-    where no node or edge of the boundary shows that there are several. Not collective."""
-    count = len(mesh.triangles)
-    if not _pinched(mesh):
-        return np.zeros(count, int)
-    d = mesh.dimension
-    sides = np.sort(mesh.corners[:, CELLS[d, 1].facets].reshape(-1, d), axis=1)
-    order = np.lexsort(sides.T)
-    equal = (sides[order[1:]] == sides[order[:-1]]).all(axis=1)
-    one, two = order[:-1][equal] // (d + 1), order[1:][equal] // (d + 1)
-    links = sparse.coo_matrix((np.ones(len(one), np.int8), (one, two)), (count, count))
-    return csgraph.connected_components(links, directed=False)[1]
-
-
-def _pinched(mesh: Mesh) -> bool:
-    """Whether more than one sheet of the boundary meets at some node, or more than two facets at an edge."""
-    d, facets = mesh.dimension, mesh.boundary[0][:, : mesh.dimension]
-    if d == 2:
-        return bool((np.bincount(facets.ravel()) > 2).any())
-    edges = np.sort(facets[:, CELLS[2, 1].edges[:, :2]], axis=2).reshape(-1, 2)
-    order = np.lexsort(edges.T)
-    new = np.append(True, (edges[order[1:]] != edges[order[:-1]]).any(axis=1))
-    number = np.empty(len(edges), int)
-    number[order] = np.cumsum(new) - 1
-    if (np.bincount(number) > 2).any():
-        return True
-    # the corners of facets, linked across edges at the same node: of a closed surface one ring a node
-    ends, nodes = CELLS[2, 1].edges[:, :2], facets.ravel()
-    one, other = order[new], order[np.append(np.flatnonzero(new)[1:], len(order)) - 1]
-    corners = [3 * (side // 3) + ends[side % 3].T for side in (one, other)]  # (2, e) of each
-    crossed = (
-        nodes[corners[0][0]] != nodes[corners[1][0]]
-    )  # neighbours mostly walk an edge in opposite ways
-    a, b = corners[0].ravel(), np.where(crossed, corners[1][::-1], corners[1]).ravel()
-    size = facets.size
-    rings = csgraph.connected_components(
-        sparse.coo_matrix((np.ones(len(a), np.int8), (a, b)), (size, size)), directed=False
-    )[0]
-    return rings > len(np.unique(facets))
 
 
 def refuse_hinges(
@@ -86,45 +42,39 @@ def refuse_hinges(
 
     Not collective.
     """
-    part = parts(mesh)
+    part, d = mesh.parts, mesh.dimension
     number = int(part.max()) + 1
     if (
         not 1 < number <= MOST or mesh.axisymmetric
     ):  # around an axis a part cannot turn without strain
         return
     nodes, owner = _members(mesh, part)
-    first = np.append(True, nodes[1:] != nodes[:-1])
-    start = np.flatnonzero(first)[np.cumsum(first) - 1]
-    centre, size = mesh.points.mean(axis=0), mesh.extent
-    at = motions_of(mesh.points[nodes], centre, size)
+    at = motions_of(mesh.points[nodes], mesh.points.mean(axis=0), mesh.extent)
     j = at.shape[2]
-    squares = np.zeros((number, number, j, j))
-    a, b, moved = owner[start[~first]], owner[~first], at[~first]
-    products = np.einsum("kim,kin->kmn", moved, moved)
-    for i, k, sign in (
-        (a, a, 1.0),
-        (b, b, 1.0),
-        (a, b, -1.0),
-        (b, a, -1.0),
-    ):  # common nodes move as one
-        np.add.at(squares, (i, k), sign * products)
-    lead = np.flatnonzero(first)
-    held = np.einsum("kij,kjm->kim", np.eye(mesh.dimension) - free[nodes[lead]], at[lead])
-    touched = np.maximum(np.bincount(owner[lead], held.any(axis=(1, 2)), number), 1.0)
-    products = np.einsum("kim,kin->kmn", held, held) / touched[owner[lead], None, None]
-    np.add.at(squares, (owner[lead], owner[lead]), products)
+
+    def moved(motions: np.ndarray, rows: np.ndarray, size: int) -> sparse.csr_matrix:
+        """Displacements (d size, number j) at `rows` (k,) of places, by `motions` (k, d, j) of the parts there."""
+        row, column = d * rows[:, None, None] + np.arange(d)[:, None], j * owner[:, None, None]
+        ends = np.broadcast_arrays(row, column + np.arange(j))
+        shape = d * size, number * j
+        return sparse.csr_matrix((motions.ravel(), [end.ravel() for end in ends]), shape)
+
+    first = np.append(True, nodes[1:] != nodes[:-1])
+    lead = np.flatnonzero(first)[np.cumsum(first) - 1]
+    # of each node those of its first part, from which those of the others must not differ
+    of_first = moved(at * first[:, None, None], nodes, len(mesh.points))
+    every = moved(at, np.arange(len(nodes)), len(nodes))
+    apart = every - every[(d * lead[:, None] + np.arange(d)).ravel()]
+    held = (np.eye(d) - free[nodes]) @ at * first[:, None, None]
+    touched = np.maximum(np.bincount(owner, held.any(axis=(1, 2)), number), 1.0)
+    held /= np.sqrt(touched)[owner, None, None]
+    rows = [apart, moved(held, nodes, len(mesh.points))]
     if springs is not None:
-        columns = np.zeros((number, springs.shape[0], j))
-        for one in range(number):
-            moved = np.zeros((*mesh.points.shape, j))
-            moved[nodes[lead]] = at[lead] * (owner[lead] == one)[:, None, None]
-            columns[one] = springs @ moved.reshape(-1, j)
-        squares += np.einsum("arm,brn->abmn", columns, columns)
-    values, vectors = np.linalg.eigh(squares.swapaxes(1, 2).reshape(number * j, number * j))
+        rows.append(springs @ of_first)
+    values, vectors = np.linalg.eigh(sum((row.T @ row).toarray() for row in rows))
     null = vectors[:, values <= FREE * max(values[-1], 1.0)]
-    if null.shape[1] <= whole:
-        return
-    raise InputError(_words(mesh, name, part, nodes, owner, null.reshape(number, -1)))
+    if null.shape[1] > whole:
+        raise InputError(_words(mesh, name, part, nodes, owner, null.reshape(number, -1)))
 
 
 def _members(mesh: Mesh, part: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

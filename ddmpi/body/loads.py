@@ -63,7 +63,7 @@ def loads_by_group(
     for traction in body.traction:
         if traction.history == history:
             key = f"body.{body.name}.traction"
-            facets, cells, _ = mesh.facets(traction.on)
+            facets, cells, *_ = mesh.facets(traction.on)
             values_at(
                 traction.given, mesh.points[facets], key
             )  # a formula must be finite at the nodes, too

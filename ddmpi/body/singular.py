@@ -9,7 +9,7 @@ import msgspec.structs
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.rigid_motions import rigid_motions
+from ddmpi.body.rigid_motions import free_motions, rigid_motions
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import Composite, material_of
 from ddmpi.mesh.mesh import Mesh, signed_measures
@@ -37,6 +37,7 @@ def causes(mesh: Mesh, body: BodySpec, free: np.ndarray, sprung: sparse.csr_matr
     found = [
         _soft_support(mesh, body, free, sprung),
         _incompressible(mesh, body),
+        _contrast(body),
         _slender(mesh),
         _thin_cells(mesh),
     ]
@@ -51,17 +52,11 @@ def _soft_support(
     if sprung is None:
         return 1.0, ""
     points = mesh.points
-    size = np.ptp(points, axis=0).max()
-    R = rigid_motions(points, points.mean(axis=0), size).reshape(points.size, -1)
-    # motions that clamps leave free: those whose displacements the clamped nodes can follow
-    held = R.reshape(*points.shape, -1) - np.einsum(
-        "kij,kjm->kim", free, R.reshape(*points.shape, -1)
-    )
-    _, sizes, across = np.linalg.svd(held.reshape(R.shape), full_matrices=True)
-    left = across[np.pad(sizes, (0, len(across) - len(sizes))) <= 1e-9 * np.sqrt(len(points))]
-    if not len(left):
+    R = rigid_motions(points, points.mean(axis=0), np.ptp(points, axis=0).max())
+    left = sprung @ R.reshape(points.size, -1) @ free_motions(R, free)
+    if not left.size:
         return 1.0, ""
-    softest = np.linalg.eigvalsh((lambda F: F.T @ F)(sprung @ R @ left.T)).min()
+    softest = np.linalg.eigvalsh(left.T @ left).min()
     stiffest = sum_stiffness(mesh, material_of(mesh, body)).diagonal.max()
     # per node, as the entries of the stiffness are
     factor = stiffest * len(points) / softest if softest > 0.0 else np.inf
@@ -90,6 +85,16 @@ def _incompressible(mesh: Mesh, body: BodySpec) -> tuple[float, str]:
     return both[0] / both[1], (
         f"with Poisson's ratio {most:.15g} it resists changes of volume {both[0] / both[1]:.0e} times as much as "
         "changes of shape; one nearer to 0.49 leaves more digits"
+    )
+
+
+def _contrast(body: BodySpec) -> tuple[float, str]:
+    """By how much the moduli of its materials, and along their axes, differ."""
+    moduli = np.concatenate([np.ravel(one.young) for one in body.materials])
+    factor = moduli.max() / moduli.min()
+    return factor, (
+        f"its largest Young's modulus is {factor:.0e} times the smallest; a rigid partner can stand "
+        "for the stiff part"
     )
 
 

@@ -88,7 +88,7 @@ def modulus_beside(mesh: Mesh, material: Material | Composite, boundary: Facets)
     """Plane modulus (Pa) of the cells beside a `boundary`, along its normals: the harmonic mean by measures."""
     if isinstance(material, Material) and material.shear is None:
         return material.plane_modulus
-    facets, cells, _ = boundary
+    facets, cells, *_ = boundary
     across = normals(mesh.points[facets[:, : mesh.dimension]])
     across /= np.linalg.norm(across, axis=1)[:, None]
     kinds = material.materials if isinstance(material, Composite) else [material]

@@ -32,9 +32,9 @@ from ddmpi.run.held import beyond_meshes, motions_to_hold
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
+from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
-from ddmpi.surface.seams import surfaces
 from ddmpi.system.agreement import agreed, merged
 from ddmpi.system.doubts import condensed
 from ddmpi.system.numbers import ALIKE, in_words, moment
@@ -85,23 +85,11 @@ def _check(
         held, free = motions_to_hold(assembly), motions_without_resistance(assembly)
         mechanism = beyond_meshes(assembly, held, look_for_mechanism(assembly))
         overlaps = _overlaps(assembly)
-        with agreed(world):
-            local = {body.spec.name: _look(body, scene.units["length"]) for body in assembly.bodies}
-        looked = merged(world, local)
-        owned = merged(
-            world, {interface.name: interface for interface in assembly.space.interfaces}
-        )
+        bodies, interfaces = _gather(assembly)
         near, folder = drawers(world), world.bcast(folder)
         with agreed(world):
-            bodies = {body.name: looked[body.name] for body in scene.body}
-            interfaces = [owned[contact.name] for contact in scene.contact]
-            missing = list(
-                find_missing(
-                    {name: body.boundary for name, body in bodies.items()},
-                    scene.rigid,
-                    scene.contact,
-                )
-            )
+            boundaries = {name: body.boundary for name, body in bodies.items()}
+            missing = list(find_missing(boundaries, scene.rigid, scene.contact))
             for line in _page(assembly, bodies, interfaces, missing, free, ranks):
                 log.info("%s", line)
             of_meshes = [body.doubt for body in bodies.values() if body.doubt]
@@ -113,14 +101,28 @@ def _check(
                     folder, scene, bodies, interfaces, missing, near.index(world.rank), len(near)
                 )
                 log.info("pictures in %s: %s", folder, ", ".join(names))
-            elif figures and not folder:
-                log.info("no pictures: %s", NO_MATPLOTLIB)
-            if assembly.loose and not has_clarabel():
-                log.info(
-                    "the search for an equilibrium of loose bodies is skipped: %s", NO_CLARABEL
-                )
+            _tell_what_is_left_out(figures and not folder, assembly)
             if mechanism:
                 raise NotConvergedError(describe(mechanism))
+
+
+def _gather(assembly: Assembly) -> tuple[dict[str, Looked], list[Interface]]:
+    """All bodies by name and all interfaces, in the scene's order, on each rank. Collective."""
+    world, scene = assembly.world, assembly.scene
+    with agreed(world):
+        local = {body.spec.name: _look(body, scene.units["length"]) for body in assembly.bodies}
+    looked = merged(world, local)
+    owned = merged(world, {interface.name: interface for interface in assembly.space.interfaces})
+    bodies = {body.name: looked[body.name] for body in scene.body}
+    return bodies, [owned[contact.name] for contact in scene.contact]
+
+
+def _tell_what_is_left_out(pictures: bool, assembly: Assembly) -> None:
+    """Log what packages that are not there would do."""
+    if pictures:
+        log.info("no pictures: %s", NO_MATPLOTLIB)
+    if assembly.loose and not has_clarabel():
+        log.info("the search for an equilibrium of loose bodies is skipped: %s", NO_CLARABEL)
 
 
 def _overlaps(assembly: Assembly) -> list[str]:
@@ -141,42 +143,11 @@ def _look(body: Body, unit: str) -> Looked:
         for history in (None, *histories(spec))
         for on, f in loads_by_group(mesh, spec, history)
     ]
-    supports = [
+    clamps = [
         (_prescribed(clamp, mesh.dimension), clamp.on, clamp.history) for clamp in spec.clamps
     ]
-    supports += [("foundation", foundation.on, None) for foundation in spec.foundation]
-    length = edge_lengths(mesh)
-    size, doubt = _range(length.max(axis=1).min(), length.max()), doubt_cells(mesh, spec.name)
-    named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
-    words = [
-        f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}{_pieces(mesh)}; "
-        f"groups {', '.join(named) or 'by number'}"
-    ]
-    words += list(_describe_faces(mesh, boundary, unit))
-    words += [f"{how} on {on}{_following(history)}" for how, on, history in supports]
-    if not member.elasticity.supported:
-        motions = undetermined(
-            np.zeros((len(member.e), 0)), [MotionsOfBody.of(spec.name, mesh.points, member.motions)]
-        )
-        words.append(
-            "loose: "
-            + "; ".join(
-                motion.rpartition(": ")[2]
-                .removesuffix(" without any force")
-                .replace(f"{spec.name} can", "it can", 1)
-                for motion in motions
-            )
-        )
-    if spec.heat.value:
-        words.append(f"temperature {spec.heat.value}{_following(spec.heat.history)}")
-    words += [
-        f"load on {on}{_following(history)}: {_force(mesh, on, f)}" for history, on, f in loads
-    ]
-    if len(loads) > 1:
-        words.append(f"loads in all: {_force(mesh, '', np.sum([f for *_, f in loads], axis=0))}")
-    words.append(
-        f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} ({member.reason})"
-    )
+    foundations = [("foundation", foundation.on, None) for foundation in spec.foundation]
+    supports = [*clamps, *foundations]
     dense = member.kind == "explicit"
     memory = (
         memory_of_multigrid(member.elasticity.A)
@@ -190,15 +161,56 @@ def _look(body: Body, unit: str) -> Looked:
         [load[1:] for load in loads],
         [(how, mesh.nodes_of(on)) for how, on, _ in supports],
         memory,
-        words,
-        doubt,
+        [
+            _describe_mesh(mesh),
+            *_describe_faces(mesh, boundary, unit),
+            *(f"{how} on {on}{_following(history)}" for how, on, history in supports),
+            *_describe_motions(body),
+            *_describe_loads(body, loads),
+            f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} "
+            f"({member.reason})",
+        ],
+        doubt_cells(mesh, spec.name),
     )
 
 
-def _pieces(mesh: Mesh) -> str:
-    """That a body has several pieces, in words; empty if it is connected."""
-    number = len(np.unique(surfaces(mesh.corners, len(mesh.points))))
-    return f", in {number} pieces that are not connected" * (number > 1)
+def _describe_mesh(mesh: Mesh) -> str:
+    """Its nodes, elements and groups, in words."""
+    length = edge_lengths(mesh)
+    size = _range(length.max(axis=1).min(), length.max())
+    named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
+    pieces = f", in {mesh.pieces} pieces that are not connected" * (mesh.pieces > 1)
+    return (
+        f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}{pieces}; "
+        f"groups {', '.join(named) or 'by number'}"
+    )
+
+
+def _describe_motions(body: Body) -> Iterator[str]:
+    """How a body can move if nothing touches it, in words."""
+    name, member = body.spec.name, body.member
+    if not member.elasticity.supported:
+        of_body = MotionsOfBody.of(name, body.mesh.points, member.motions)
+        said = [
+            motion.rpartition(": ")[2]
+            .removesuffix(" without any force")
+            .replace(f"{name} can", "it can", 1)
+            for motion in undetermined(np.zeros((len(member.e), 0)), [of_body])
+        ]
+        yield f"loose: {'; '.join(said)}"
+
+
+def _describe_loads(
+    body: Body, loads: Sequence[tuple[str | None, str, np.ndarray]]
+) -> Iterator[str]:
+    """The heat and the `loads` of a body, by history, group and nodal loads (nv, d), in words."""
+    heat = body.spec.heat
+    if heat.value:
+        yield f"temperature {heat.value}{_following(heat.history)}"
+    for history, on, f in loads:
+        yield f"load on {on}{_following(history)}: {_force(body.mesh, on, f)}"
+    if len(loads) > 1:
+        yield f"loads in all: {_force(body.mesh, '', np.sum([f for *_, f in loads], axis=0))}"
 
 
 def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:
@@ -278,64 +290,65 @@ def _page(
     for words, names in grouped(("\n    ".join(body.words), name) for name, body in bodies.items()):
         yield f"body {some(names, 'bodies')}: {words}"
     for rigid in scene.rigid:
-        for how, value in ("moved", rigid.displacement), ("pushed", rigid.force):
-            if value and any(value):
-                yield f"rigid {rigid.name}: {how} by {_vector(value, np.zeros(1))}{_following(rigid.history)}"
-        if unpushed := [
-            axis
-            for k, axis in enumerate("xyz")
-            if axis in (rigid.free or ()) and not (rigid.force and rigid.force[k])
-        ]:
-            yield f"rigid {rigid.name}: moves freely along {', '.join(unpushed)}"
-        if rigid.turning:
-            under = (
-                "freely"
-                if rigid.moment is None
-                else f"by a moment {_vector(np.array(rigid.moment), np.zeros(1))}"
-            )
-            yield (
-                f"rigid {rigid.name}: turned {under} about {in_words(np.array(rigid.pivot), 4)}"
-                f"{_following(rigid.history) * (rigid.moment is not None)}"
-            )
-    contacts = []
-    for contact, interface in zip(scene.contact, interfaces, strict=True):
-        sides = " and ".join(
-            ".".join(side) for side in zip(contact.bodies, contact.on, strict=False)
-        )
-        pairing = f"mortar, slave {interface.slave}" if interface.slave else "paired"
-        contacts.append(
-            (
-                f"{sides}: " * (len(interfaces) <= LISTED) + f"{interface.m} nodes, {pairing}, law "
-                f"{interface.law.name}; {describe_gap(interface, unit['length'])}",
-                contact.name,
-            )
-        )
-        if bolt := contact.pretension:
-            contacts.append(
-                (
-                    f"pulled by {bolt.force:g} along {in_words(np.array(bolt.along), 4)}"
-                    f"{_following(bolt.history)}",
-                    contact.name,
-                )
-            )
+        yield from (f"rigid {rigid.name}: {words}" for words in _describe_rigid(rigid))
+    contacts = [
+        (words, contact.name)
+        for contact, interface in zip(scene.contact, interfaces, strict=True)
+        for words in _describe_contact(contact, interface, unit["length"], len(interfaces))
+    ]
     yield from (f"contact {some(names, 'contacts')}: {words}" for words, names in grouped(contacts))
     yield from (f"{motion}, whatever touches" for motion in free)
     taken = {contact.name for contact in scene.contact}
     for lack in missing:
-        nameless = " and ".join(
-            name for name, on in zip(lack.bodies, lack.on, strict=False) if not on
-        )
-        # words are a comment, so that all of the lines can be pasted together
-        yield (
-            "# "
-            * (not nameless)
-            + f"{' and '.join(lack.bodies)} are {_range(*lack.gap)} {unit['length']} apart at "
-            f"{in_words(lack.facets[0].mean(axis=0), 4)} and near it, where no contact names both; "
-            + (
-                f"to name one, give the boundary of {nameless} a name there (a {PHYSICAL[scene.dimension - 1]})"
-                if nameless
-                else "where they may touch, add"
-            )
-        )
-        if not nameless:
-            yield lack.lines(taken)
+        yield from _describe_missing(lack, scene, taken)
+
+
+def _describe_rigid(rigid: Rigid) -> Iterator[str]:
+    """How a rigid partner moves, in words."""
+    follows, plain = _following(rigid.history), np.zeros(1)
+    for how, value in ("moved", rigid.displacement), ("pushed", rigid.force):
+        if value and any(value):
+            yield f"{how} by {_vector(value, plain)}{follows}"
+    pushed = zip("xyz", rigid.force or (0.0,) * 3, strict=False)
+    unpushed = [axis for axis, force in pushed if axis in (rigid.free or ()) and not force]
+    if unpushed:
+        yield f"moves freely along {', '.join(unpushed)}"
+    if rigid.turning:
+        about = in_words(np.array(rigid.pivot), 4)
+        under = "freely"
+        if rigid.moment is not None:
+            under = f"by a moment {_vector(np.array(rigid.moment), plain)}"
+        yield f"turned {under} about {about}{follows * (rigid.moment is not None)}"
+
+
+def _describe_contact(
+    contact: SettledContact, interface: Interface, unit: str, count: int
+) -> Iterator[str]:
+    """The sides, pairing, law and gap of a contact, one of `count`, and its pretension, in words."""
+    sides = " and ".join(".".join(side) for side in zip(contact.bodies, contact.on, strict=False))
+    pairing = f"mortar, slave {interface.slave}" if interface.slave else "paired"
+    yield (
+        f"{sides}: " * (count <= LISTED) + f"{interface.m} nodes, {pairing}, law "
+        f"{interface.law.name}; {describe_gap(interface, unit)}"
+    )
+    if bolt := contact.pretension:
+        along = in_words(np.array(bolt.along), 4)
+        yield f"pulled by {bolt.force:g} along {along}{_following(bolt.history)}"
+
+
+def _describe_missing(lack: Missing, scene: Settled, taken: set[str]) -> Iterator[str]:
+    """A missing contact in words, and its lines in a scene, with a name that is not among those `taken`."""
+    nameless = " and ".join(name for name, on in zip(lack.bodies, lack.on, strict=False) if not on)
+    what = "where they may touch, add"
+    if nameless:
+        kind = PHYSICAL[scene.dimension - 1]
+        what = f"to name one, give the boundary of {nameless} a name there (a {kind})"
+    # words are a comment, so that all of the lines can be pasted together
+    yield (
+        "# "
+        * (not nameless)
+        + f"{' and '.join(lack.bodies)} are {_range(*lack.gap)} {scene.units['length']} apart at "
+        f"{in_words(lack.facets[0].mean(axis=0), 4)} and near it, where no contact names both; {what}"
+    )
+    if not nameless:
+        yield lack.lines(taken)

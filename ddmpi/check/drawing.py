@@ -240,76 +240,80 @@ def as_results(
             "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes]),
         },
         surfaces={
-            interface.name: {"points": interface.outline.xy, "cells": interface.outline.cells}
+            interface.name: {"points": outline.xy, "cells": outline.cells}
             for interface in interfaces
-            if interface.outline
+            for outline in [interface.drawing.outline]
         },
     )
 
 
 def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
     """Meshes with their groups, loads and clamps; a figure."""
-    from matplotlib.lines import Line2D
-
-    plan, looked, ways = _plan(results, behind), list(bodies.values()), dict[str, int]()
+    plan, looked = _plan(results, behind), list(bodies.values())
     plan.show_groups(bodies, NAMED)
+    inside = middles(results)
+    words = _point_loads(plan, looked, results.summary["units"]["stress"])
+    words |= _point_weights(plan, looked, inside)
+    ways = _mark_supports(plan, looked)
+    _explain(plan, words, ways)
+    if not plan.view.solid or sum(len(body.boundary.groups) for body in looked) > NAMED:
+        plan.write(list(bodies), inside)
+    plan.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
+    return plan.figure
+
+
+def _point_loads(plan: Plan, looked: Sequence[Looked], unit: str) -> dict[str, str]:
+    """Draw loads on groups as arrows; by their colour the words of the legend, with the largest, in a `unit`."""
     arrows = [
         _stresses(body, on, f, plan.size / PLACES)
         for body in looked
         for on, f in body.loads
         if on != VOLUME
     ]
-    largest = max((np.linalg.norm(stress, axis=1).max() for _, stress, _ in arrows), default=0.0)
+    if not arrows:
+        return {}
+    largest = max(np.linalg.norm(stress, axis=1).max() for _, stress, _ in arrows)
     for at, stress, outward in arrows:
         plan.point(at, ARROW * plan.size / (largest or 1.0) * stress, outward, COLOURS["force"])
-    inside = middles(results)
-    weights = [
-        (at, f.sum(axis=0))
-        for at, body in zip(inside, looked, strict=True)
-        for on, f in body.loads
-        if on == VOLUME
-    ]
-    for at, force in weights:
-        plan.arrows(
-            at[None],
-            ARROW * plan.size / (np.linalg.norm(force) or 1.0) * force[None],
-            COLOURS["moved"],
-        )
+    factor, unit = scaled_unit(largest, unit)
+    return {COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit}"}
+
+
+def _point_weights(
+    plan: Plan, looked: Sequence[Looked], inside: Sequence[np.ndarray]
+) -> dict[str, str]:
+    """Draw volume forces as arrows of one length at places `inside` of bodies; the words of the legend."""
+    words = {}
+    for at, body in zip(inside, looked, strict=True):
+        for force in (f.sum(axis=0) for on, f in body.loads if on == VOLUME):
+            length = ARROW * plan.size / (np.linalg.norm(force) or 1.0)
+            plan.arrows(at[None], length * force[None], COLOURS["moved"])
+            words = {COLOURS["moved"]: "volume forces"}
+    return words
+
+
+def _mark_supports(plan: Plan, looked: Sequence[Looked]) -> dict[str, str]:
+    """Draw clamps and foundations; the marker of each kind."""
+    markers: dict[str, str] = {}
     for body in looked:
         for how, nodes in body.supports:
             at, _ = _thinned(body.mesh.points[nodes], plan.size / PLACES)
-            plan.mark(at, MARKERS[ways.setdefault(how, len(ways)) % len(MARKERS)])
-    factor, unit_of = scaled_unit(largest, results.summary["units"]["stress"])
-    loads = {
-        COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit_of}" * bool(arrows),
-        COLOURS["moved"]: "volume forces" * bool(weights),
-    }
-    above(
-        plan.axes,
-        [
-            *(
-                Line2D([], [], color=colour, marker=">", label=words)
-                for colour, words in loads.items()
-                if words
-            ),
-            *(
-                Line2D(
-                    [],
-                    [],
-                    linestyle="",
-                    marker=MARKERS[k % len(MARKERS)],
-                    color=HELD,
-                    markersize=5,
-                    label=how,
-                )
-                for how, k in ways.items()
-            ),
-        ],
-    )
-    if not plan.view.solid or sum(len(body.boundary.groups) for body in looked) > NAMED:
-        plan.write(list(bodies), inside)
-    plan.figure.suptitle(f"{results.heading()}bodies as drawn{', from behind' * behind}")
-    return plan.figure
+            plan.mark(at, markers.setdefault(how, MARKERS[len(markers) % len(MARKERS)]))
+    return markers
+
+
+def _explain(plan: Plan, words: Mapping[str, str], markers: Mapping[str, str]) -> None:
+    """The legend, by colours of arrows and markers of supports."""
+    from matplotlib.lines import Line2D
+
+    arrows = [
+        Line2D([], [], color=colour, marker=">", label=what) for colour, what in words.items()
+    ]
+    supports = [
+        Line2D([], [], linestyle="", marker=marker, color=HELD, markersize=5, label=how)
+        for how, marker in markers.items()
+    ]
+    above(plan.axes, [*arrows, *supports])
 
 
 def draw_faces(results: Results, name: str, body: Looked, behind: bool) -> Any:
@@ -349,7 +353,7 @@ def draw_contacts(
     parts = [
         (outline.xy, outline.cells, outline.shares @ interface.gap / factor)
         for interface in interfaces
-        if (outline := interface.outline)
+        for outline in [interface.drawing.outline]
     ]
     for lack in missing:
         at = lack.facets.reshape(-1, lack.facets.shape[-1])
@@ -358,13 +362,12 @@ def draw_contacts(
         )
     plan.facets(parts, image)
     for interface in interfaces:
-        if interface.at is not None:
-            plan.lines(
-                np.stack([plan.place(at)[:, :2] for at in interface.at], axis=1),
-                colors=COLOURS["rigid"],
-                linewidth=0.5,
-                zorder=4,
-            )
+        plan.lines(
+            np.stack([plan.place(at)[:, :2] for at in interface.geometry.at], axis=1),
+            colors=COLOURS["rigid"],
+            linewidth=0.5,
+            zorder=4,
+        )
         if len(interfaces) <= NAMED:
             at = interface.lines.xy
             plan.label(interface.name, at[np.argmin(np.linalg.norm(at - at.mean(axis=0), axis=1))])

@@ -125,27 +125,31 @@ class Missing(NamedTuple):
         return write_toml({"contact": [entry]}).strip()
 
 
-def find_missing(
-    boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid], contacts: Sequence[SettledContact]
-) -> Iterator[Missing]:
-    """Groups of bodies, and rigid partners, that face each other closer than NEAR, but not in a contact of both.
+class _Nearest:
+    """Of each facet (f,) of all bodies the nearest place before it on another body or a rigid partner.
 
-    Facets are compared with the nearest point to their middle on other bodies and rigid partners. Not collective.
+    Attributes
+    ----------
+    owner : (f,) the number of its body
+    middle, normal, size : (f, d), (f, d), (f,) of it (m)
+    least, gap : (f,) the distance of that place (m), and how much of it is along the normal
+    partner : (f,) the number of the body, or rigid partner after these, that has it; −1 if there is none
+    facing : (f,) the number there of the facet with this place, counted through its body
     """
-    bodies = list(boundaries.values())
-    number = {name: k for k, name in enumerate((*boundaries, *(surface.name for surface in rigid)))}
-    starts = np.cumsum([0, *(len(body.at) for body in bodies)])
-    owner = np.repeat(np.arange(len(bodies)), np.diff(starts))
-    middle, normal, size = (
-        np.concatenate(arrays)
-        for arrays in zip(
-            *((body.at.mean(axis=1), body.normal, body.size) for body in bodies), strict=True
-        )
-    )
-    least, gap = np.full(len(owner), np.inf), np.zeros(len(owner))
-    partner, facing = np.full((2, len(owner)), -1)
 
-    def note(
+    def __init__(self, bodies: Sequence[Boundary]) -> None:
+        self.bodies = bodies
+        counts = [len(body.at) for body in bodies]
+        self.starts = np.cumsum([0, *counts])
+        self.owner = np.repeat(np.arange(len(bodies)), counts)
+        self.middle = np.concatenate([body.at.mean(axis=1) for body in bodies])
+        self.normal = np.concatenate([body.normal for body in bodies])
+        self.size = np.concatenate([body.size for body in bodies])
+        self.least, self.gap = np.full(len(self.owner), np.inf), np.zeros(len(self.owner))
+        self.partner, self.facing = np.full((2, len(self.owner)), -1)
+
+    def _note(
+        self,
         some: np.ndarray,
         k: int,
         away: np.ndarray,
@@ -154,66 +158,93 @@ def find_missing(
         there: np.ndarray | int = 0,
     ) -> None:
         """Note that facets `there` of the k-th, with normals `against`, lie `away` (j, d) from some facets (j,)."""
-        distance, ahead = np.linalg.norm(away, axis=1), np.einsum("kd,kd->k", away, normal[some])
-        aside = np.linalg.norm(away - ahead[:, None] * normal[some], axis=1)
-        near = (distance <= NEAR * reach) & (distance < least[some] - SAME * reach)
+        normal, distance = self.normal[some], np.linalg.norm(away, axis=1)
+        ahead = np.einsum("kd,kd->k", away, normal)
+        aside = np.linalg.norm(away - ahead[:, None] * normal, axis=1)
+        near = (distance <= NEAR * reach) & (distance < self.least[some] - SAME * reach)
         near &= aside <= ASIDE * distance + SAME * reach
-        near &= np.einsum("kd,kd->k", normal[some], against) < FACING
-        for values, new in (least, distance), (gap, ahead), (partner, k), (facing, there):
+        near &= np.einsum("kd,kd->k", normal, against) < FACING
+        found = (self.least, distance), (self.gap, ahead), (self.partner, k), (self.facing, there)
+        for values, new in found:
             values[some[near]] = np.broadcast_to(new, len(some))[near]
 
-    for k, body in enumerate(bodies):
-        low, high, wide = body.at.min(axis=(0, 1)), body.at.max(axis=(0, 1)), NEAR * body.size.max()
-        some = np.flatnonzero(
-            (owner != k) & ((middle > low - wide) & (middle < high + wide)).all(axis=1)
-        )
+    def look_at(self, k: int) -> None:
+        """Look for places on the k-th body."""
+        body = self.bodies[k]
+        wide = NEAR * body.size.max()
+        low, high = body.at.min(axis=(0, 1)) - wide, body.at.max(axis=(0, 1)) + wide
+        around = ((self.middle > low) & (self.middle < high)).all(axis=1)
+        some = np.flatnonzero((self.owner != k) & around)
         if len(some):
-            there = distance_to(middle[some], body.at)[1]
-            away = nearest_in(middle[some], body.at[there]) - middle[some]
-            note(some, k, away, body.normal[there], np.minimum(size[some], body.size[there]), there)
-    named = [
-        (number[on], starts[number[body]] + np.flatnonzero(boundaries[body].groups[contact.on[0]]))
-        for contact in contacts
-        for body, on in [contact.bodies]
-        if on not in boundaries
-    ]
-    for k, some in [
-        *named,
-        *((number[surface.name], np.arange(len(owner))) for surface in rigid),
-    ]:  # of planes in line
-        surface = rigid[k - len(bodies)]  # that comes first which a contact names
-        against, distance = surface.facing(middle[some])
-        note(some, k, -distance[:, None] * against, against, np.minimum(size[some], surface.bend))
-    local = np.arange(len(owner)) - starts[owner]
-    first, second = (
-        np.where(owner < partner, *pair) for pair in ((local, facing), (facing, local))
-    )
-    low, high = np.minimum(owner, partner), np.maximum(owner, partner)
-    names = list(number)
-    for a, b in np.unique(np.column_stack([low, high])[partner >= 0], axis=0):
-        some = np.flatnonzero((partner >= 0) & (low == a) & (high == b))
+            there = distance_to(self.middle[some], body.at)[1]
+            away = nearest_in(self.middle[some], body.at[there]) - self.middle[some]
+            reach = np.minimum(self.size[some], body.size[there])
+            self._note(some, k, away, body.normal[there], reach, there)
+
+    def look_at_rigid(self, k: int, surface: Rigid, some: np.ndarray | None = None) -> None:
+        """Look for places on a rigid partner, the k-th of all, before some facets (j,), or all."""
+        some = np.arange(len(self.owner)) if some is None else some
+        against, distance = surface.facing(self.middle[some])
+        reach = np.minimum(self.size[some], surface.bend)
+        self._note(some, k, -distance[:, None] * against, against, reach)
+
+    def pairs(self) -> Iterator[tuple[int, int, np.ndarray, np.ndarray, np.ndarray]]:
+        """Two numbers, the smaller one first, the gaps (k,) between them, and the facets (k,) of both."""
+        local = np.arange(len(self.owner)) - self.starts[self.owner]
+        both = np.sort([self.owner, self.partner], axis=0)
+        mine = self.owner < self.partner
+        first, second = np.where(mine, local, self.facing), np.where(mine, self.facing, local)
+        for a, b in np.unique(both[:, self.partner >= 0].T, axis=0):
+            some = (both == [[a], [b]]).all(axis=0)
+            yield a, b, self.gap[some], first[some], second[some]
+
+
+def find_missing(
+    boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid], contacts: Sequence[SettledContact]
+) -> Iterator[Missing]:
+    """Groups of bodies, and rigid partners, that face each other closer than NEAR, but not in a contact of both.
+
+    Facets are compared with the nearest point to their middle on other bodies and rigid partners. Not collective.
+    """
+    bodies, names = list(boundaries.values()), [*boundaries, *(surface.name for surface in rigid)]
+    number = {name: k for k, name in enumerate(names)}
+    nearest = _Nearest(bodies)
+    for k in range(len(bodies)):
+        nearest.look_at(k)
+    for contact in contacts:  # of planes in line that comes first which a contact names
+        body, on = contact.bodies
+        if on not in boundaries:
+            own = np.flatnonzero(boundaries[body].groups[contact.on[0]])
+            some = nearest.starts[number[body]] + own
+            nearest.look_at_rigid(number[on], rigid[number[on] - len(bodies)], some)
+    for k, surface in enumerate(rigid, len(bodies)):
+        nearest.look_at_rigid(k, surface)
+    for a, b, gap, first, second in nearest.pairs():
+        pair, facets = (names[a], names[b]), {names[a]: first, names[b]: second}
+        free = np.ones(len(gap), bool)
         for contact in contacts:
-            if set(contact.bodies) == {names[a], names[b]}:
-                both = [
-                    boundaries[name].groups[on][(first if name == names[a] else second)[some]]
+            if set(contact.bodies) == set(pair):
+                named = [
+                    boundaries[name].groups[on][facets[name]]
                     for name, on in zip(contact.bodies, contact.on, strict=False)
                 ]
-                some = some[~np.logical_and.reduce(both)]
-        if not len(some):
-            continue
-        sides = [
-            (bodies[k], facets[some]) for k, facets in ((a, first), (b, second)) if k < len(bodies)
-        ]
-        groups = list(zip(*(body.named(facets) for body, facets in sides), strict=True))
-        for alike in _together(list(dict.fromkeys(groups)), [body for body, _ in sides]):
-            chosen = np.array([group in alike for group in groups])
-            on = tuple("+".join(dict.fromkeys(parts)) for parts in zip(*alike, strict=True))
-            yield Missing(
-                (names[a], names[b]),
-                on,
-                np.concatenate([body.at[np.unique(facets[chosen])] for body, facets in sides]),
-                (float(gap[some[chosen]].min()), float(gap[some[chosen]].max())),
-            )
+                free &= ~np.logical_and.reduce(named)
+        if free.any():
+            sides = [(boundaries[name], facets[name][free]) for name in pair if name in boundaries]
+            yield from _missing(pair, sides, gap[free])
+
+
+def _missing(
+    pair: tuple[str, str], sides: Sequence[tuple[Boundary, np.ndarray]], gap: np.ndarray
+) -> Iterator[Missing]:
+    """The missing contacts of two that face each other, by the facets (k,) of those that are bodies, and the gaps (k,)
+    between them."""
+    groups = list(zip(*(body.named(facets) for body, facets in sides), strict=True))
+    for alike in _together(list(dict.fromkeys(groups)), [body for body, _ in sides]):
+        chosen = np.array([group in alike for group in groups])
+        on = tuple("+".join(dict.fromkeys(parts)) for parts in zip(*alike, strict=True))
+        at = np.concatenate([body.at[np.unique(facets[chosen])] for body, facets in sides])
+        yield Missing(pair, on, at, (float(gap[chosen].min()), float(gap[chosen].max())))
 
 
 def _together(

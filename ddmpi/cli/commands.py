@@ -223,7 +223,7 @@ def printing(world: MPI.Comm) -> Iterator[None]:
     if world.rank == 0:
         signal.signal(signal.SIGPIPE, signal.SIG_IGN)  # PETSc would print pages about it
         try:
-            sys.stdout.write(logs.encodable(text.getvalue(), sys.stdout))
+            sys.stdout.write(logs.encodable(logs.printable(text.getvalue()), sys.stdout))
             sys.stdout.flush()
         except BrokenPipeError:  # the reader has seen enough
             logs.leave_stdout()
@@ -245,7 +245,6 @@ def _init_petsc(world: MPI.Comm, table: dict, petsc: list[str]) -> None:
     petsc4py.init([sys.argv[0], *own, *as_arguments(table), *petsc], comm=MPI.Intracomm(world))
     if own:
         forget(own[0])
-    signal.signal(
-        signal.SIGPIPE, signal.SIG_IGN
-    )  # PETSc would end a run whose reader, such as head, has gone
+    # PETSc would end a run whose reader, such as head, has gone.
+    signal.signal(signal.SIGPIPE, signal.SIG_IGN)
     atexit.register(silence_left)

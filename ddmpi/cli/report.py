@@ -33,8 +33,11 @@ from ddmpi.sweep.table import read_table
 from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_page
 from ddmpi.system.provenance import has_matplotlib
 
-MOST_STEPS = 24  # most load steps in the table: of more steps those at the ends of legs, of more ends an even choice
-FEW = 3  # most contacts with lines of their own in the table of load steps
+MOST_STEPS = 24
+"""Most load steps in the table: of more steps those at the ends of legs, of more ends an even choice."""
+
+FEW = 3
+"""Most contacts with lines of their own in the table of load steps."""
 
 PHASES = {
     "mesh": "making or reading the meshes",
@@ -102,34 +105,13 @@ def _sweep(folder: Path) -> str:
         scene = json.loads((folder / SWEEP).read_text(encoding="utf-8"))["scene"]
     if not rows:
         raise InputError(f"{folder / TABLE}: has no cases; sweep … --gather writes it anew")
-    names, unit = list(rows[0]), scene.get("output", {}).get("length_unit", "m")
-    settings, certified = (
-        names[1 : names.index("status")],
-        sum(row["status"] == "certified" for row in rows),
-    )
-    ends = [
-        row["status"]
-        if row["status"] == "certified" or not row["reason"]
-        else f"{row['status']}: {row['reason']}"
-        for row in rows
-    ]
+    names = list(rows[0])
+    settings = names[1 : names.index("status")]
+    certified = sum(row["status"] == "certified" for row in rows)
     warnings = [
         f"Case {_entry(row['case'])}: {row['warnings']}" for row in rows if row.get("warnings")
     ]
-    cases = table(
-        "A line for each case; sweep.csv has all results",
-        Column("case", [_entry(row["case"]) for row in rows]),
-        *(Column(name, [_entry(row[name]) for row in rows]) for name in settings),
-        Column("ended", ends),
-        Column("outer iterations", [row["outer_iterations"] for row in rows]),
-        Column("solves", [row["n_A"] for row in rows]),
-        Column("displacement", [row["displacement_max"] for row in rows], unit),
-        Column(
-            "estimated error", [row.get("discretization_error.energy_norm") for row in rows], "%"
-        ),
-        Column("time", [row.get("seconds.total") for row in rows], "s", decimals=2),
-        digits=3,
-    )
+    plots = [picture(path, path.stem) for path in sorted(folder.glob("*.png"))]
     return fill(
         {
             "kind": "sweep",
@@ -139,15 +121,40 @@ def _sweep(folder: Path) -> str:
             "because": f"Varied: {', '.join(settings)}."
             + f" Cases that warn: {len(warnings)}." * bool(warnings),
             "warnings": noted(warnings),
-            "cases": cases,
-            "plots": Html(
-                "".join(picture(path, path.stem) for path in sorted(folder.glob("*.png")))
-            ),
+            "cases": _cases(rows, settings, scene.get("output", {}).get("length_unit", "m")),
+            "plots": Html("".join(plots)),
             "scene": write_toml(scene),
             "scene_words": "The scene as it was written, before anything was varied.",
         },
         {"run"},
     )
+
+
+def _cases(rows: Sequence[Mapping[str, Any]], settings: Sequence[str], unit: str) -> Html:
+    """The table of the cases of a sweep, with lengths in a unit."""
+
+    def column(head: str, key: str, unit: str = "", decimals: int | None = None) -> Column:
+        return Column(head, [row.get(key) for row in rows], unit, decimals)
+
+    return table(
+        "A line for each case; sweep.csv has all results",
+        Column("case", [_entry(row["case"]) for row in rows]),
+        *(Column(name, [_entry(row[name]) for row in rows]) for name in settings),
+        Column("ended", [_ended(row) for row in rows]),
+        column("outer iterations", "outer_iterations"),
+        column("solves", "n_A"),
+        column("displacement", "displacement_max", unit),
+        column("estimated error", "discretization_error.energy_norm", "%"),
+        column("time", "seconds.total", "s", 2),
+        digits=3,
+    )
+
+
+def _ended(row: Mapping[str, Any]) -> str:
+    """How a case ended, with the reason where it was not certified."""
+    if row["status"] == "certified" or not row["reason"]:
+        return row["status"]
+    return f"{row['status']}: {row['reason']}"
 
 
 def _entry(value: object) -> str:
@@ -458,16 +465,10 @@ class RunReport:
 
     def _steps(self) -> dict[str, Any]:
         """The load steps, condensed where there are many, and the balance of energy."""
-        every = steps = self.summary["steps"]
+        every = self.summary["steps"]
         if not self.stepped or not every:
             return {"no_steps": "No load step was completed." if self.stepped else ""}
-        if len(every) > MOST_STEPS:
-            steps = [
-                step
-                for step in every
-                if drawn_times(self.summary, step["time"]) in self.scene["time"]["points"]
-            ] or every
-            steps = [steps[k] for k in evenly(len(steps), MOST_STEPS)]
+        steps = self._told_steps()
         if len(self.contacts) <= FEW:
             rows = [
                 (step, name, contact)
@@ -476,47 +477,45 @@ class RunReport:
             ]
             caption, keys = "Forces on the first body", RESULTANTS + STATES
         else:
-            rows = [
-                (
-                    step,
-                    "all",
-                    {
-                        key: sum(contact[key] or 0 for contact in step["contacts"].values())
-                        for key in STATES
-                    },
-                )
-                for step in steps
-            ]
+            rows = [(step, "all", _all_contacts(step)) for step in steps]
             caption, keys = "Nodes of all contacts", STATES
-        several = (
-            [Column("contact", [name for _, name, _ in rows])]
-            if 1 < len(self.contacts) <= FEW
-            else []
-        )
-        caption += f"; {len(steps)} of {len(every)} steps, steps.csv has all" * (
-            len(steps) < len(every)
-        )
-        values = {
+        if len(steps) < len(every):
+            caption += f"; {len(steps)} of {len(every)} steps, steps.csv has all"
+        several = 1 < len(self.contacts) <= FEW
+        return self._energy() | {
             "step_number": f"{len(every)} load steps to time {every[-1]['time']:g}.",
             "steps": table(
                 caption,
                 Column("time", [f"{step['time']:g}" for step, *_ in rows]),
                 Column("iterations", [step["outer_iterations"] for step, *_ in rows]),
-                *several,
+                *([Column("contact", [name for _, name, _ in rows])] * several),
                 *self._columns("contacts.NAME.", keys, [contact for *_, contact in rows]),
             ),
         }
-        if energy := self.summary.get("energy"):
-            told = {key: row.words for key in energy if (row := ROWS.get(f"energy.{key}"))}
-            values |= {
-                "energy": table(
-                    "Energy since time 0: the first is the sum of the next two",
-                    Column("what", list(told.values())),
-                    Column("energy", [energy[key] for key in told], self.units["energy"]),
-                ),
-                "imbalance_of_energy": number(energy["residual"], 2),
-            }
-        return values
+
+    def _told_steps(self) -> list[dict]:
+        """All load steps; of many those at the ends of legs, if there are any, evenly."""
+        steps = self.summary["steps"]
+        if len(steps) <= MOST_STEPS:
+            return steps
+        points = self.scene["time"]["points"]
+        ends = [step for step in steps if drawn_times(self.summary, step["time"]) in points]
+        told = ends or steps
+        return [told[k] for k in evenly(len(told), MOST_STEPS)]
+
+    def _energy(self) -> dict[str, Any]:
+        energy = self.summary.get("energy")
+        if not energy:
+            return {}
+        told = {key: row.words for key in energy if (row := ROWS.get(f"energy.{key}"))}
+        return {
+            "energy": table(
+                "Energy since time 0: the first is the sum of the next two",
+                Column("what", list(told.values())),
+                Column("energy", [energy[key] for key in told], self.units["energy"]),
+            ),
+            "imbalance_of_energy": number(energy["residual"], 2),
+        }
 
     def _certificate(self) -> dict[str, Any]:
         entries = [*self.contacts.items(), *self.bodies.items()]
@@ -617,6 +616,12 @@ class RunReport:
                 minor=True,
             ),
         }
+
+
+def _all_contacts(step: dict) -> dict[str, float]:
+    """The states of all contacts at a load step together."""
+    contacts = step["contacts"].values()
+    return {key: sum(contact[key] or 0 for contact in contacts) for key in STATES}
 
 
 def _words(kind: str) -> str:

@@ -14,7 +14,8 @@ from ddmpi import __version__
 from ddmpi.pictures.script import digest, our_digest
 from ddmpi.system.numbers import ALIKE, scaled_unit
 
-LONG = 12  # minor tables of more rows are folded
+LONG = 12
+"""Minor tables of more rows are folded."""
 
 TYPES = {".png": "image/png", ".gif": "image/gif"}
 
@@ -123,45 +124,24 @@ def number(value: float | None, digits: int = 4, unit: str = "") -> str:
 
 def table(caption: str, *columns: Column, digits: int = 4, minor: bool = False) -> Html:
     """A table whose first column names its rows. On narrow screens it scrolls; a long one that is `minor` is folded."""
-    largest = {
-        unit: max(
-            (
-                abs(entry)
-                for column in columns
-                if column.unit == unit
-                for entry in column.entries
-                if isinstance(entry, int | float)
-            ),
-            default=0.0,
-        )
-        for unit in {column.unit for column in columns}
-    }
+    largest = defaultdict[str, float](float)
+    for column in columns:
+        sizes = [abs(entry) for entry in column.entries if isinstance(entry, int | float)]
+        largest[column.unit] = max([largest[column.unit], *sizes])
     heads: list[Html] = []
     cells: list[list[Html]] = []
     for column in columns:
         factor, unit = scaled_unit(largest[column.unit], column.unit)
         noise = ALIKE * largest[column.unit] if unit else 0.0  # smaller ones are about zero
-        numeric = not any(isinstance(entry, str) for entry in column.entries)
-        heads.append(
-            element(
-                "th",
-                column.head,
-                element("small", " ", unit) if unit else "",
-                scope="col",
-                **{"kind": "number"} if numeric else {},
-            )
-        )
+        small = element("small", " ", unit) if unit else ""
+        words = any(isinstance(entry, str) for entry in column.entries)
+        heads.append(element("th", column.head, small, scope="col", **_number_unless(words)))
         tag, named = ("td", {}) if cells else ("th", {"scope": "row"})
-        cells.append(
-            [
-                element(
-                    tag,
-                    _cell(entry, digits, column.decimals, factor, noise),
-                    **named if isinstance(entry, str) else named | {"kind": "number"},
-                )
-                for entry in column.entries
-            ]
-        )
+        made = list[Html]()
+        for entry in column.entries:
+            shown = _cell(entry, digits, column.decimals, factor, noise)
+            made.append(element(tag, shown, **named, **_number_unless(isinstance(entry, str))))
+        cells.append(made)
     rows = [element("tr", *row) for row in zip(*cells, strict=True)]
     whole = element("table", element("thead", element("tr", *heads)), element("tbody", *rows))
     figure = element(
@@ -170,12 +150,14 @@ def table(caption: str, *columns: Column, digits: int = 4, minor: bool = False) 
         element("div", whole, kind="wide", role="region", tabindex="0", **{"aria-label": caption}),
         kind="table",
     )
-    fold = minor and len(rows) > LONG
-    return (
-        element("details", element("summary", f"{caption} ({len(rows)})"), figure)
-        if fold
-        else figure
-    )
+    if minor and len(rows) > LONG:
+        return element("details", element("summary", f"{caption} ({len(rows)})"), figure)
+    return figure
+
+
+def _number_unless(words: bool) -> dict[str, str]:
+    """The attribute of cells that are set as numbers."""
+    return {} if words else {"kind": "number"}
 
 
 def _cell(entry: Cell, digits: int, decimals: int | None, factor: float, noise: float) -> str:

@@ -584,7 +584,7 @@ def _join(
     law = law_of(
         contact.friction,
         interface.xy,
-        interface.arc,
+        interface.geometry.arc,
         interface.area,
         interface.law.sliding,
         contact.kind,
@@ -606,7 +606,7 @@ def _join(
             "makes one of them the slave"
         ]
     )
-    if interface.pointwise and interface.law.name == "tresca":
+    if interface.geometry.pointwise and interface.law.name == "tresca":
         raise InputError(
             f"contact.{contact.name}.friction: the bodies meet along an edge or at a vertex only, at "
             f"{in_words(interface.xy[0])}, where a slip bound, a stress, has no area to act on; law = "
@@ -614,7 +614,7 @@ def _join(
         )
     bare = (
         []
-        if not interface.pointwise
+        if not interface.geometry.pointwise
         else [
             f"contact.{contact.name}: the bodies meet along an edge or at a vertex only, at {in_words(interface.xy[0])}"
             f"{f' and {interface.m - 1} nodes more' * (interface.m > 1)}: there are forces, but no area and no stresses; "

@@ -25,7 +25,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.petsc.events import event
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import ALIKE, Frame, crossed
+from ddmpi.system.numbers import ALIKE, Frame, RigidMotion, crossed
 
 
 @dataclass(frozen=True)
@@ -150,14 +150,15 @@ class Driven:
         """An interface with its second side where amplitudes α (j,) take it."""
         if not self.acts_on(interface):
             return interface
+        partner = interface.partner
         if self.bond:
-            return replace(interface, offset=float(alpha[0]))
-        return replace(
-            interface,
-            displacement=interface.displacement + self.shift(alpha),
-            turn=alpha[len(self.axes) :] / self.sizes @ self.turns,
-            pivot=self.pivot,
+            return replace(interface, partner=replace(partner, offset=float(alpha[0])))
+        motion = RigidMotion(
+            partner.motion.displacement + self.shift(alpha),
+            alpha[len(self.axes) :] / self.sizes @ self.turns,
+            self.pivot,
         )
+        return replace(interface, partner=replace(partner, motion=motion))
 
     def shift(self, alpha: np.ndarray) -> np.ndarray:
         """The displacement (d,) of the pivot by amplitudes α (j,) (m)."""

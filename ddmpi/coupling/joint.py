@@ -136,7 +136,7 @@ class Joint:
         ours = np.array(
             [
                 any(member.dear for member in members),
-                any(interface.waves for interface in space.interfaces),
+                any(interface.geometry.waves for interface in space.interfaces),
             ]
         )
         exchange.world.Allreduce(MPI.IN_PLACE, ours, MPI.LOR)

@@ -99,7 +99,8 @@ class Space:
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set gaps and rigid partners to these `factors` by history."""
         if any(
-            (interface.history, interface.gap_history) != (None, None) for interface in self._drawn
+            (interface.partner.history, interface.gap_history) != (None, None)
+            for interface in self._drawn
         ):
             self.interfaces = tuple(interface.under(factors) for interface in self._drawn)
             self._place()
@@ -279,14 +280,14 @@ def kept_by_bonds(
             [
                 first[body] + nodes[transfer.indices]
                 for body, nodes, transfer in zip(
-                    interface.bodies, interface.nodes, interface.transfer, strict=True
+                    interface.bodies, interface.rows.nodes, interface.rows.transfer, strict=True
                 )
             ]
         )
         for name, (interface, _) in joined.items()
         if not interface.slave
         and not interface.on_rigid
-        and all(len(move.indices) == interface.m for move in interface.transfer)
+        and all(len(move.indices) == interface.m for move in interface.rows.transfer)
     }  # no merged nodes on an axis
     # Only bonds at a node of several contacts can close a chain.
     ends, times = np.unique(
@@ -318,7 +319,7 @@ def kept_by_bonds(
         if kept.any():
             gap, at = np.where(kept, 0.0, interface.gap), in_words(interface.xy[kept][0])
             result[name] = (
-                replace(interface, gap=gap),
+                replace(interface, rows=replace(interface.rows, gap=gap)),
                 [
                     *warnings,
                     Doubt(

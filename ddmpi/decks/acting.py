@@ -9,19 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import EXACT, Acting, Card, Course, Notes, axes, number
+from ddmpi.decks.cards import EXACT, Acting, Card, Course, axes, number
 from ddmpi.decks.material import Matter, table
-from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Cut, Piece, formula, linear
 
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
 
 ALONG = 0.97
-"""Least cosine between the normals of straight facets and the directions of supports at their nodes."""
+"""Least cosine between the normals of straight facets and the directions of supports at their nodes, and their mean."""
 
-DIFFERENTLY = "temperatures that change in different ways in one body"
-"""Why a body has no one history of its temperature."""
+TURNED = 0.5
+"""Least length of the mean of directions that turn over a face; that of others is no face of them."""
 
 Key = tuple[float, str | None]
 """The value of a load, and its history."""
@@ -35,33 +34,16 @@ class Acts:
     timed : whether there are load steps; else the values at the end count
     """
 
-    def __init__(
-        self,
-        model: Model,
-        notes: Notes,
-        matter: Matter,
-        pieces: Sequence[Piece],
-        family: str,
-        cuts: Sequence[Cut],
-    ) -> None:
-        self.model, self.notes, self.matter = model, notes, matter
+    def __init__(self, matter: Matter, pieces: Sequence[Piece], cuts: Sequence[Cut]) -> None:
+        model = matter.model
+        self.model, self.notes, self.matter = model, model.notes, matter
+        self.kinds = model.kinds
         self.pieces, self.cuts = pieces, cuts
-        self.axisymmetric = family == "CAX"
-        self.axes = "xyz" if family == "C3D" else "xy"
+        self.axisymmetric = matter.family == "CAX"
+        self.axes = "xyz" if matter.family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
         self.rigid_nodes = model.rigid_nodes
-        friction = any("FRICTION" in of for of in model.interactions.values())
-        odd = [
-            acting
-            for kind in model.kinds.values()
-            for acting in kind.values()
-            if len(course := _scaled(acting.course)[1]) > 2 or course[0][1]
-        ]  # more than a ramp from zero
-        self.timed = (len(model.ends) > 1 and not model.final) or (bool(odd) and friction)
-        for card in (
-            {id(acting.card): acting.card for acting in odd}.values() if not self.timed else ()
-        ):
-            notes.add("changed", card, "its amplitude counts at the end of the step")
+        self.timed = self._is_timed()
         self.sets = {
             name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
             for (kind, key), name in model.deck.names.items()
@@ -72,13 +54,21 @@ class Acts:
         # of the two bodies at the section of a bolt the one without its surface has the forces there, as in CalculiX
         for _, ends, section, around in cuts:
             layer = [piece for piece, _ in self.on(ends)]
-            self.home |= {
-                node: piece
-                for piece in pieces
-                if piece not in layer
-                for node in (*section.tolist(), *around.tolist())
-                if node in piece.place
-            }
+            nodes = [*section.tolist(), *around.tolist()]
+            for piece in pieces:
+                if piece not in layer:
+                    self.home |= dict.fromkeys(piece.place.keys() & nodes, piece)
+
+    def _is_timed(self) -> bool:
+        """Whether there are load steps. Where there are none, note what has another course than a ramp from zero."""
+        every = [acting for kind in self.kinds.values() for acting in kind.values()]
+        odd = [acting.card for acting in every if not _is_ramp(acting.course)]
+        several = len(self.model.ends) > 1 and not self.model.final
+        if several or (odd and self.model.friction):
+            return True
+        for card in odd:
+            self.notes.add("changed", card, "its amplitude counts at the end of the step")
+        return False
 
     def factor(self, acting: Acting) -> Key:
         """The largest value of a load or support, or that at the end if there is one step, and its history."""
@@ -127,46 +117,73 @@ class Acts:
         ]
 
     def clamps(self, piece: Piece) -> list[dict[str, Any]]:
-        """The supports of a body: by component sets of nodes with one value, or a linear function."""
-        d, supports = len(self.axes), self.model.kinds["supports"]
-        # by component, then whether it is moved and by which history: value by place
+        """The supports of a body: by component sets of nodes with one value, or a linear function; or along the normals
+        of faces."""
+        d = len(self.axes)
+        # by axis, then whether it is moved and by which history: value by place
         at: dict[int, dict[tuple[bool, str | None], dict[int, float]]] = defaultdict(
             lambda: defaultdict(dict)
         )
-        # in directions of *TRANSFORM, by component and whether it is moved: direction by place
-        turned: dict[tuple[int, bool], dict[int, np.ndarray]] = defaultdict(dict)
-        # those of them that are along x, y or z
-        ways: dict[int, dict[int, np.ndarray]] = defaultdict(dict)
-        cards: dict[int, Card] = {}
+        # by component of *TRANSFORM: direction, value and keyword by place
+        local = defaultdict[int, dict[int, tuple[np.ndarray, float, Card]]](dict)
         zero = Counter(
             node
-            for (node, component), acting in supports.items()
+            for (node, component), acting in self.kinds["supports"].items()
             if component <= d and not any(value for _, value in acting.course)
         )
+        # where all components are zero, their directions do not matter
+        fixed = {piece.place[node] for node in zero.keys() & piece.place.keys() if zero[node] >= d}
         for node, component, acting in self._held(piece):
-            # where all components are zero, their directions do not matter
-            way = (
-                self._way(piece, node, component)[:d]
-                if zero[node] < d
-                else np.eye(d)[component - 1]
-            )
-            (value, history), main = self.factor(acting), int(np.abs(way).argmax())
-            if abs(abs(way[main]) - 1.0) < EXACT:
-                if node in self.model.transforms and not value:
-                    ways[component][piece.place[node]] = way
-                at[main][bool(value), history][piece.place[node]] = value * np.sign(way[main])
-            else:
-                turned[component, bool(value)][piece.place[node]] = way
-                cards[component] = acting.card
-        found, guided = self._guided(piece, turned, ways, cards)
-        for component, place in guided:  # by their faces, and not along an axis as well
-            main = int(np.abs(ways[component][place]).argmax())
-            at[main][False, None].pop(place, None)
+            place, (value, history) = piece.place[node], self.factor(acting)
+            way = np.eye(d)[component - 1]
+            if node in self.model.transforms:
+                turned = self._way(piece, node, component)[:d]
+                local[component][place] = turned, value, acting.card
+                way = way if place in fixed else turned
+            if (main := _axis(way)) is not None:
+                at[main][bool(value), history][place] = value * np.sign(way[main])
+        found = []
+        for supports in local.values():
+            free = supports.keys() - fixed
+            odd = [place for place in free if _axis(supports[place][0]) is None]
+            if odd and len(facets := self._guided(piece, supports, odd)):
+                found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
+                for place in free & {*piece.facets[facets].ravel().tolist()} - {*odd}:
+                    main = int(np.abs(supports[place][0]).argmax())  # not along an axis as well
+                    at[main][False, None].pop(place, None)
         return found + self._together(piece, at)
+
+    def _guided(
+        self, piece: Piece, supports: dict[int, tuple[np.ndarray, float, Card]], odd: Sequence[int]
+    ) -> np.ndarray:
+        """The facets (k,) whose normals the directions of supports are, of which the `odd` ones are not along x, y or z;
+        none where these have no such facets, which is noted."""
+        given = np.full((len(piece.nodes) + 1, len(self.axes)), np.nan)  # −1, no node, is the last
+        for place, (way, value, _) in supports.items():
+            given[place] = np.nan if value else way
+        facets = piece.whole(~np.isnan(given[:-1, 0]))
+        mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
+        length = np.linalg.norm(mean, axis=1)  # less than 1 where directions differ
+        across = np.abs((piece.normals(facets) * mean).sum(axis=1))
+        some = (across > ALONG * length) & (length > TURNED)
+        facets, length = facets[some], length[some]
+        # the middle of a curved side halves the angle
+        round_ones = np.where(piece.facets[facets, 4] >= 0, 2.0 * ALONG**2 - 1.0, ALONG)
+        fine = facets[length > round_ones]
+        if not {*odd} - {*piece.facets[fine].ravel().tolist()}:
+            return fine
+        words = (
+            "a support in a direction of *TRANSFORM that is neither x, y, z nor the normal of faces"
+        )
+        if not {*odd} - {*piece.facets[facets].ravel().tolist()}:
+            turn = np.degrees(2.0 * np.arccos(length.min()))
+            words = f"a support along a direction that turns by {turn:.0f} degrees over a face; a finer mesh is needed"
+        self.notes.add("lost", supports[max(odd)][2], words)
+        return fine[:0]
 
     def _held(self, piece: Piece) -> Iterable[tuple[int, int, Acting]]:
         """The node, the component and the value of each support of a body in the directions of the scene."""
-        for (node, component), acting in self.model.kinds["supports"].items():
+        for (node, component), acting in self.kinds["supports"].items():
             if node not in piece.place or node in self.rigid_nodes:
                 continue
             if component <= len(self.axes):
@@ -190,90 +207,60 @@ class Acts:
             for (_, history), (some, entry) in together.items()
         ]
 
-    def _guided(
-        self,
-        piece: Piece,
-        turned: dict[tuple[int, bool], dict[int, np.ndarray]],
-        along: dict[int, dict[int, np.ndarray]],
-        cards: dict[int, Card],
-    ) -> tuple[list[dict[str, Any]], set[tuple[int, int]]]:
-        """Supports in directions of *TRANSFORM, which are the normals of whole faces, as clamps along these; and the
-        places, by component, of those `along` x, y or z that these faces have too."""
-        found, guided = [], set[tuple[int, int]]()
-        for (component, moved), ways in turned.items():
-            given = np.full(
-                (len(piece.nodes) + 1, len(self.axes)), np.nan
-            )  # −1, no node, is the last
-            for some in (along.get(component, {}), ways):
-                if some:
-                    given[list(some)] = list(some.values())
-            facets = piece.whole(~np.isnan(given[:-1, 0]))
-            mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
-            facets = facets[np.abs((piece.normals(facets) * mean).sum(axis=1)) > ALONG]
-            if moved or ways.keys() - set(piece.facets[facets].ravel().tolist()):
-                self.notes.add(
-                    "lost",
-                    cards[component],
-                    "a support in a direction of *TRANSFORM that is "
-                    "neither x, y, z nor the normal of faces",
-                )
-            else:
-                found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
-                on = set(piece.facets[facets].ravel().tolist())
-                guided |= {(component, place) for place in along.get(component, ()) if place in on}
-        return found, guided
-
     def loads(self) -> dict[str, list[dict[str, Any]]]:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
         found: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in self.pieces}
-        pressed: dict[tuple[Piece, float, str | None, tuple], list[int]] = defaultdict(list)
-        fluid = set[int]()
-        for (element, face, way), acting in self.model.kinds["pressures"].items():
-            if len(way) == 1:
-                fluid |= {*way}
-                if (way[0], 2) not in self.model.kinds["supports"]:
-                    self.notes.add(
-                        "lost", acting.card, f"a pressure that is not given at node {way[0]}"
-                    )
+        for (piece, value, history, way), facets in self._pressed().items():
+            load = (
+                {"value": [value * x for x in way[: len(self.axes)]]}
+                if way
+                else {"pressure": value}
+            )
+            faces = frozenset(map(tuple, piece.owners[facets].tolist()))
+            on = piece.group(np.array(facets), self._surfaces.get(faces, "pressed"))
+            found[piece.name].append({"on": on} | load | later(history))
+        for piece in self.pieces:
+            found[piece.name] += self._forces(piece)
+        self._tell_nowhere()
+        return found
+
+    def _pressed(self) -> dict[tuple[Piece, float, str | None, tuple], list[int]]:
+        """The facets under each pressure, or traction along its direction, by body, value, history and direction."""
+        pressed = defaultdict[tuple, list[int]](list)
+        for (element, face, way), acting in self.kinds["pressures"].items():
+            if len(way) == 1:  # of a fluid at a node
+                at = way[0], 2
+                if at not in self.kinds["supports"]:
+                    words = f"a pressure that is not given at node {way[0]}"
+                    self.notes.add("lost", acting.card, words)
                     continue
-                acting, way = self.model.kinds["supports"][way[0], 2], ()
+                acting, way = self.kinds["supports"][at], ()
             if (element, face) not in self.where:
                 if any(value for _, value in acting.course):
-                    self.notes.add(
-                        "lost", acting.card, "a pressure on a face that is not on a boundary"
-                    )
+                    words = "a pressure on a face that is not on a boundary"
+                    self.notes.add("lost", acting.card, words)
                 continue
             piece, facet = self.where[element, face]
             value, history = self.factor(acting)
             if value:
                 self._flat(acting.card, np.array(way or (0.0, 0.0, 0.0)))
                 pressed[piece, value, history, way].append(facet)
-        for (piece, value, history, way), facets in pressed.items():
-            load = (
-                {"value": [value * x for x in way[: len(self.axes)]]}
-                if way
-                else {"pressure": value}
-            )
-            called = self._surfaces.get(
-                frozenset(map(tuple, piece.owners[facets].tolist())), "pressed"
-            )
-            found[piece.name].append(
-                {"on": piece.group(np.array(facets), called)} | load | later(history)
-            )
-        for piece in self.pieces:
-            found[piece.name] += self._forces(piece)
-        inside = fluid | self.home.keys() | self.model.bolt_nodes | self.rigid_nodes
-        for (node, _), acting in self.model.kinds["forces"].items():
+        return pressed
+
+    def _tell_nowhere(self) -> None:
+        """Note forces and supports at nodes of no body."""
+        model = self.model
+        fluid = {way[0] for *_, way in self.kinds["pressures"] if len(way) == 1}
+        inside = fluid | self.home.keys() | model.bolt_nodes | self.rigid_nodes
+        for (node, _), acting in self.kinds["forces"].items():
             if node not in inside and any(value for _, value in acting.course):
                 self.notes.add("lost", acting.card, "a force at a node of no body")
-        for (node, _), acting in self.model.kinds["supports"].items():
-            if node not in inside and node in self.model.deck.points:
+        for (node, _), acting in self.kinds["supports"].items():
+            if node not in inside and node in model.deck.points:
                 self.notes.add("changed", acting.card, "a support at a node of no body is left out")
             elif node not in inside:
-                self.notes.add(
-                    "lost", acting.card, "a support at a node that the deck does not have"
-                )
-        return found
+                words = "a support at a node that the deck does not have"
+                self.notes.add("lost", acting.card, words)
 
     def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
         """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""
@@ -300,7 +287,7 @@ class Acts:
         """Nodal forces as tractions with the same resultant and the same first moments."""
         by_history: dict[str | None, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
-        for (node, component), acting in self.model.kinds["forces"].items():
+        for (node, component), acting in self.kinds["forces"].items():
             value, history = self.factor(acting)
             if self.home.get(node) is piece and node not in self.rigid_nodes and value:
                 k, way = (
@@ -357,38 +344,25 @@ class Acts:
 
     def volume_forces(self, piece: Piece) -> list[Any] | dict[str, Any] | None:
         """Gravity, centrifugal and other forces per volume of a body, as formulas; all must have one history."""
-        fields: dict[
-            str | None, tuple[Card, np.ndarray]
-        ] = {}  # c and the rows of Sᵀ (1 + d, d) of f = c + S x
+        # by history: the first keyword, and c and the rows of Sᵀ (1 + d, d) of f = c + S x
+        fields: dict[str | None, tuple[Card, np.ndarray]] = {}
         own, d = set(piece.elements.tolist()), len(self.axes)
-        for (what, scope, label, field), acting in self.model.kinds["body_forces"].items():
-            value, history = self.factor(acting)
-            some = self.model.deck.chosen(acting.card._replace(scope=scope), "ELSET", what) & own
+        for (what, scope, label, field), acting in self.kinds["body_forces"].items():
+            (value, history), card = self.factor(acting), acting.card
+            some = self.model.deck.chosen(card._replace(scope=scope), "ELSET", what) & own
             if not some or not value:
                 continue
             if some != own:
-                self.notes.add("lost", acting.card, f"{label} on a part of a body")
+                self.notes.add("lost", card, f"{label} on a part of a body")
                 continue
-            densities = (
-                {1.0}
-                if label[0] == "B"
-                else {self._density(k, acting.card) for k in self.matter.sections(piece)}
-            )
-            if len(densities) > 1:
-                self.notes.add("lost", acting.card, f"{label} on a body with several densities")
-                continue
-            field = densities.pop() * value * np.reshape(field, (4, 3))
-            if (
-                label == "CENTRIF"
-                and self.axisymmetric
-                and np.abs(field[[0, 2]]).max() > EXACT * np.abs(field).max()
-            ):
-                self.notes.add(
-                    "lost", acting.card, "a rotation about another axis than that of the body"
-                )
-            flat = np.array([self._flat(acting.card, row) for row in field[: 1 + d]])
-            card, before = fields.get(history, (acting.card, 0.0))
-            fields[history] = card, before + flat
+            field = self._density(piece, label, card) * value * np.reshape(field, (4, 3))
+            off = np.abs(field[[0, 2]]).max() > EXACT * np.abs(field).max()
+            if label == "CENTRIF" and self.axisymmetric and off:
+                words = "a rotation about another axis than that of the body"
+                self.notes.add("lost", card, words)
+            flat = np.array([self._flat(card, row) for row in field[: 1 + d]])
+            first, before = fields.get(history, (card, 0.0))
+            fields[history] = first, before + flat
         if not fields:
             return None
         history, *others = fields
@@ -399,12 +373,20 @@ class Acts:
         force = [formula(float(constant[k]), np.array(slopes)[:, k], self.axes) for k in range(d)]
         return {"value": force, "history": history} if history else force
 
-    def _density(self, section: int, card: Card) -> float:
-        name = self.model.sections[section][1]
-        if "DENSITY" not in self.model.materials.get(name, {}):
-            self.notes.add("lost", card, f"the material {name} has no *DENSITY")
-            return 0.0
-        return float(table(self.model.materials[name]["DENSITY"], 1)[0][0, 0])
+    def _density(self, piece: Piece, label: str, card: Card) -> float:
+        """What a volume force is multiplied by: the density of the body, or 1 for a force per volume."""
+        if label[0] == "B":
+            return 1.0
+        densities = set[float]()
+        for section in self.matter.sections(piece):
+            name = self.model.sections[section][1]
+            given = self.model.materials.get(name, {}).get("DENSITY")
+            if given is None:
+                self.notes.add("lost", card, f"the material {name} has no *DENSITY")
+            densities.add(float(table(given, 1)[0][0, 0]) if given else 0.0)
+        if len(densities) > 1:
+            self.notes.add("lost", card, f"{label} on a body with several densities")
+        return densities.pop()
 
     def heat(self, piece: Piece) -> tuple[Any, dict[str, float]]:
         """The temperature of a body over its initial one, and the expansion of each of its materials by name.
@@ -412,72 +394,66 @@ class Acts:
         The thermal strain is α(T) (T − T_z) − α(T_0) (T_0 − T_z), with the reference T_z of α. Where T varies in place,
         the strain over the first α stands for the temperature.
         """
-        own = [node for node in piece.nodes.tolist() if node in self.model.kinds["heat"]]
+        own = [node for node in piece.nodes.tolist() if node in self.kinds["heat"]]
         if not own:
             return None, {}
+        card = self.kinds["heat"][own[0]].card
+        T, history = self._warmed(piece, own)
+        names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
+        grown = {name: self._grown(name, T) for name in names}
+        fields = [field for field, _ in grown.values() if field is not None]
+        expansions = {name: alpha for name, (_, alpha) in grown.items()}
+        grows = any(expansions.values())
+        words = f"no thermal strain of {piece.name}: its material has no *EXPANSION"
+        for given, nodes in self.model.heated:
+            if not nodes.isdisjoint(own):
+                self.notes.add(
+                    *(("taken", given, "temperature") if grows else ("changed", given, words))
+                )
+        if not grows:
+            return None, {}
+        if np.ptp(fields, axis=0).max() > KEEPS * np.abs(fields[0]).max():
+            words = "expansions of several materials that vary with the temperature"
+            self.notes.add("lost", card, words)
+        text = self._field(piece, fields[0], card)
+        return (text if not history else {"value": text, "history": history}), expansions
+
+    def _warmed(self, piece: Piece, own: Sequence[int]) -> tuple[np.ndarray, str | None]:
+        """(2, n) temperatures of a body at first and at the end, of which its `own` nodes change, and their history."""
         start, _ = self.model.temperatures(piece.nodes.tolist())
-        end, histories = start.copy(), set()
-        card = self.model.kinds["heat"][own[0]].card
+        end, histories = start.copy(), set[str | None]()
         for node in own:
-            k, acting = piece.place[node], self.model.kinds["heat"][node]
+            k, acting = piece.place[node], self.kinds["heat"][node]
             # courses begin at zero; temperatures at the initial one
             warm = tuple((time, value - start[k] if time else 0.0) for time, value in acting.course)
-            rise, history = self.factor(Acting(acting.card, warm))
+            rise, history = self.factor(acting._replace(course=warm))
             end[k] = start[k] + rise
             histories |= {history} if rise else set()
         if len(histories) > 1:
-            self.notes.lost_between_steps(card, DIFFERENTLY)
-        names = dict.fromkeys(self.model.sections[k][1] for k in self.matter.sections(piece))
-        uniform = np.ptp(start) == np.ptp(end) == 0.0
-        fields, expansions = [], {}
-        for name in names:
-            expansion = (
-                self.model.materials[name].get("EXPANSION")
-                if name in self.model.materials
-                else None
+            words = "temperatures that change in different ways in one body"
+            self.notes.lost_between_steps(self.kinds["heat"][own[0]].card, words)
+        return np.array([start, end]), next(iter(histories), None)
+
+    def _grown(self, name: str, T: np.ndarray) -> tuple[np.ndarray | None, float]:
+        """The thermal strain (n,) of a material over its expansion, and that; T (2, n) as of `_warmed`."""
+        expansion = self.model.materials.get(name, {}).get("EXPANSION")
+        if expansion is None:
+            return None, 0.0
+        kind = expansion.says("TYPE", "ISO")
+        values, at = table(expansion, {"ISO": 1, "ORT": 3}.get(kind[:3], 6))
+        if kind[:3] != "ISO" and np.ptp(values[:, :3], axis=1).any():
+            self.notes.add("lost", expansion, "expansion that differs by direction")
+        if len(values) > 1:
+            words = (
+                "the thermal strain of the table is folded into the expansion and the temperature"
             )
-            if expansion is None:
-                expansions[name] = 0.0
-                continue
-            kind = expansion.says("TYPE", "ISO")
-            values, at = table(expansion, {"ISO": 1, "ORT": 3}.get(kind[:3], 6))
-            if kind[:3] != "ISO" and np.ptp(values[:, :3], axis=1).any():
-                self.notes.add("lost", expansion, "expansion that differs by direction")
-            zero = number(expansion.given.get("ZERO") or "0")
-            order, T = np.argsort(at), np.array([start, end])
-            grown = np.diff(np.interp(T, at[order], values[order, 0]) * (T - zero), axis=0)[0]
-            alpha = float(values[0, 0]) or 1.0
-            if uniform and end[0] != start[0]:
-                alpha = float(grown[0] / (end[0] - start[0]))
-            fields.append(grown / alpha if alpha else grown)
-            expansions[name] = alpha
-            if len(values) > 1:
-                self.notes.add(
-                    "changed",
-                    expansion,
-                    "the thermal strain of the table is folded into the "
-                    "expansion and the temperature",
-                )
-        grows = bool(fields) and any(expansions.values())
-        which, words = (
-            ("taken", "temperature")
-            if grows
-            else ("changed", f"no thermal strain of {piece.name}: its material has no *EXPANSION")
-        )
-        for given in (given for given, nodes in self.model.heated if not nodes.isdisjoint(own)):
-            self.notes.add(which, given, words)
-        if not grows:
-            return None, {}
-        if any(
-            np.abs(field - fields[0]).max() > KEEPS * np.abs(fields[0]).max()
-            for field in fields[1:]
-        ):
-            self.notes.add(
-                "lost", card, "expansions of several materials that vary with the temperature"
-            )
-        text = self._field(piece, fields[0], card)
-        history = next(iter(histories), None)
-        return (text if not history else {"value": text, "history": history}), expansions
+            self.notes.add("changed", expansion, words)
+        zero, order = number(expansion.given.get("ZERO") or "0"), np.argsort(at)
+        grown = np.diff(np.interp(T, at[order], values[order, 0]) * (T - zero), axis=0)[0]
+        alpha, (start, end) = float(values[0, 0]) or 1.0, T[:, 0]
+        if not np.ptp(T, axis=1).any() and end != start:
+            alpha = float(grown[0] / (end - start))
+        return (grown / alpha if alpha else grown), alpha
 
     def _field(self, piece: Piece, values: np.ndarray, card: Card) -> Any:
         """A temperature by nodes as a number or a formula: linear in place, or between layers of nodes."""
@@ -514,9 +490,21 @@ def _alike(piece: Piece, places: np.ndarray, values: np.ndarray) -> list[tuple[n
     return [(places[values == value], float(value)) for value in different]
 
 
+def _axis(way: np.ndarray) -> int | None:
+    """The axis along which a direction is, in either sense; None where it is along none."""
+    main = int(np.abs(way).argmax())
+    return main if abs(abs(way[main]) - 1.0) < EXACT else None
+
+
 def later(history: str | None) -> dict[str, Any]:
     """The entry of a history, if there is one."""
     return {"history": history} if history else {}
+
+
+def _is_ramp(course: Course) -> bool:
+    """Whether a course is a straight line from zero."""
+    points = _scaled(course)[1]
+    return len(points) <= 2 and not points[0][1]
 
 
 def _scaled(course: Course) -> tuple[float, Course]:

@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import contextlib
 import math
+import os
 import re
-from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections import defaultdict, deque
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,41 +17,27 @@ import numpy as np
 from ddmpi.errors import InputError
 
 SIDES: dict[str, list[tuple[int, int]]] = {
-    "line": [(0, 1)],
-    "triangle": [(0, 1), (1, 2), (2, 0)],
-    "quad": [(0, 1), (1, 2), (2, 3), (3, 0)],
-    "tetra": [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
-    "hexahedron": [
-        (0, 1),
-        (1, 2),
-        (2, 3),
-        (3, 0),
-        (4, 5),
-        (5, 6),
-        (6, 7),
-        (7, 4),
-        (0, 4),
-        (1, 5),
-        (2, 6),
-        (3, 7),
-    ],
-    "wedge": [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)],
-    "pyramid": [(0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 4), (2, 4), (3, 4)],
+    shape: [(int(side[0]), int(side[1])) for side in sides.split()]
+    for shape, sides in {
+        "line": "01",
+        "triangle": "01 12 20",
+        "quad": "01 12 23 30",
+        "tetra": "01 12 20 03 13 23",
+        "hexahedron": "01 12 23 30 45 56 67 74 04 15 26 37",
+        "wedge": "01 12 20 34 45 53 03 14 25",
+        "pyramid": "01 12 23 30 04 14 24 34",
+    }.items()
 }
 """Corners at the ends of the edges of an element, whose middles come in this order, which is VTK's."""
 
 FACES: dict[str, list[tuple[int, ...]]] = {
-    "tetra": [(0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)],
-    "hexahedron": [
-        (0, 1, 2, 3),
-        (4, 5, 6, 7),
-        (0, 1, 5, 4),
-        (1, 2, 6, 5),
-        (2, 3, 7, 6),
-        (3, 0, 4, 7),
-    ],
-    "wedge": [(0, 1, 2), (3, 4, 5), (0, 1, 4, 3), (1, 2, 5, 4), (2, 0, 3, 5)],
-    "pyramid": [(0, 1, 2, 3), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)],
+    shape: [tuple(map(int, face)) for face in faces.split()]
+    for shape, faces in {
+        "tetra": "012 013 123 203",
+        "hexahedron": "0123 4567 0154 1265 2376 3047",
+        "wedge": "012 345 0143 1254 2035",
+        "pyramid": "0123 014 124 234 304",
+    }.items()
 }
 """Corners around the faces S1, S2, … of solid elements; those of plane ones are their SIDES."""
 
@@ -83,50 +70,18 @@ FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
 SHAPELESS = ("MASS", "ROTARYI", "SPRING", "DASHPOT", "CONN", "GAP", "DCOUP")
 """Prefixes of the names of elements that have no shape."""
 
-SILENT = frozenset(
-    (
-        "HEADING",
-        "ENDSTEP",
-        "PHYSICALCONSTANTS",
-        "CONTROLS",
-        "PREPRINT",
-        "NODEPRINT",
-        "ELPRINT",
-        "NODEFILE",
-        "ELFILE",
-        "CONTACTFILE",
-        "CONTACTPRINT",
-        "FACEPRINT",
-        "SECTIONPRINT",
-        "ENERGYPRINT",
-        "ENERGYFILE",
-        "OUTPUT",
-        "NODEOUTPUT",
-        "ELEMENTOUTPUT",
-        "CONTACTOUTPUT",
-        "ENERGYOUTPUT",
-        "MONITOR",
-        "PRINT",
-        "RESTART",
-        "TIMEPOINTS",
-        "FILEFORMAT",
-        "PARAMETER",
-        "NORMAL",
-        "ENDPART",
-        "ENDASSEMBLY",
-        "ENDINSTANCE",
-        "SURFACESMOOTHING",
-        "PRE-TENSIONSECTION",
-        "SHELLSECTION",
-        "BEAMSECTION",
-        "BEAMGENERALSECTION",
-        "MEMBRANESECTION",
-        "MEMBRANE",
-        "FLUIDSECTION",
-        "SPRING",
-        "DASHPOT",
-        "MASS",
-    )
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+SILENT = _words(
+    "HEADING ENDSTEP PHYSICALCONSTANTS CONTROLS PREPRINT NODEPRINT ELPRINT NODEFILE ELFILE "
+    "CONTACTFILE CONTACTPRINT FACEPRINT SECTIONPRINT ENERGYPRINT ENERGYFILE OUTPUT NODEOUTPUT "
+    "ELEMENTOUTPUT CONTACTOUTPUT ENERGYOUTPUT MONITOR PRINT RESTART TIMEPOINTS FILEFORMAT "
+    "PARAMETER NORMAL ENDPART ENDASSEMBLY ENDINSTANCE SURFACESMOOTHING PRE-TENSIONSECTION "
+    "SHELLSECTION BEAMSECTION BEAMGENERALSECTION MEMBRANESECTION MEMBRANE FLUIDSECTION SPRING "
+    "DASHPOT MASS"
 )
 """Keywords about output, those that count where others name them, and those of elements that are lost themselves."""
 
@@ -134,7 +89,7 @@ WITHOUT_EFFECT = {
     word: what
     for what, words in {
         "heat changes no static answer": "CONDUCTIVITY SPECIFICHEAT LATENTHEAT GAPCONDUCTANCE GAPHEATGENERATION "
-        "INELASTICHEATFRACTION JOULEHEATFRACTION",
+        "INELASTICHEATFRACTION JOULEHEATFRACTION CFLUX DFLUX FILM RADIATE",
         "currents change no static answer": "ELECTRICALCONDUCTIVITY MAGNETICPERMEABILITY",
         "speeds change no static answer": "DAMPING CONTACTDAMPING",
     }.items()
@@ -142,24 +97,13 @@ WITHOUT_EFFECT = {
 }
 """Keywords of data that other programs write always, and why they change nothing here."""
 
-PERTURBATIONS = frozenset(
-    (
-        "FREQUENCY",
-        "BUCKLE",
-        "COMPLEXFREQUENCY",
-        "MODALDYNAMIC",
-        "STEADYSTATEDYNAMICS",
-        "GREEN",
-        "SENSITIVITY",
-        "SUBSTRUCTUREGENERATE",
-        "NOANALYSIS",
-    )
+PERTURBATIONS = _words(
+    "FREQUENCY BUCKLE COMPLEXFREQUENCY MODALDYNAMIC STEADYSTATEDYNAMICS GREEN SENSITIVITY "
+    "SUBSTRUCTUREGENERATE NOANALYSIS"
 )
 """Steps that leave the state of a deck as it is."""
 
-OF_STEPS = frozenset(
-    ("STATIC", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE", "MODELCHANGE", "CHANGESOLIDSECTION")
-)
+OF_STEPS = _words("STATIC CLOAD DLOAD DSLOAD TEMPERATURE MODELCHANGE CHANGESOLIDSECTION")
 """Keywords that have no meaning outside of steps."""
 
 REFUSED = {
@@ -181,26 +125,25 @@ REFUSED = {
     "USERMATERIAL": "materials of a user's routine",
     "VISCOELASTIC": "viscoelasticity",
     "CYCLICSYMMETRYMODEL": "cyclic symmetry",
-    "CFLUX": "heat flow",
 }
 """What becomes impossible by a keyword; any other one that is not read is unknown."""
 
 NAMED_SUPPORTS = {
-    "ENCASTRE": (1, 2, 3, 4, 5, 6),
-    "PINNED": (1, 2, 3),
-    "XSYMM": (1, 5, 6),
-    "YSYMM": (2, 4, 6),
-    "ZSYMM": (3, 4, 5),
-    "XASYMM": (2, 3, 4),
-    "YASYMM": (1, 3, 5),
-    "ZASYMM": (1, 2, 6),
+    "ENCASTRE": "123456",
+    "PINNED": "123",
+    "XSYMM": "156",
+    "YSYMM": "246",
+    "ZSYMM": "345",
+    "XASYMM": "234",
+    "YASYMM": "135",
+    "ZASYMM": "126",
 }
 """Abaqus's words for supports: the components that they hold; nodes of solids have the first three."""
 
 OVER_TIME = "OP AMPLITUDE TIMEDELAY FOLLOWER "
 
 PARAMETERS = {
-    word: frozenset(names.split())
+    word: _words(names)
     for word, names in {
         "NODE": "NSET",
         "ELEMENT": "TYPE ELSET",
@@ -244,7 +187,10 @@ class DeckError(ValueError):
 
 
 def element(name: str) -> tuple[str, int]:
-    """What meshio calls an element of Abaqus, and the number of its nodes. Raises DeckError for other names."""
+    """What meshio calls an element of Abaqus, nothing where it has no shape, and the number of its nodes. Raises
+    DeckError for other names."""
+    if name.upper().startswith(SHAPELESS):
+        return "", 0
     for families, kinds in ELEMENTS.items():
         found = re.match(rf"({families})(\d+)", name.upper())
         if found and int(found[2]) in kinds:
@@ -329,7 +275,7 @@ def vector(values: Sequence[float], size: int = 3) -> np.ndarray:
 def held(row: list[str]) -> tuple[Sequence[int], float]:
     """The components that a data line of *BOUNDARY gives, and their value. Raises DeckError."""
     if row[1].upper() in NAMED_SUPPORTS:
-        return NAMED_SUPPORTS[row[1].upper()], 0.0
+        return [*map(int, NAMED_SUPPORTS[row[1].upper()])], 0.0
     first = component(entry(row, 1, "1"))
     last = component(entry(row, 2, str(first)))
     if last < first:
@@ -360,7 +306,7 @@ class Card(NamedTuple):
     """
 
     word: str
-    given: Mapping[str, str]
+    given: dict[str, str]
     rows: list[list[str]]
     line: int
     path: Path
@@ -477,15 +423,16 @@ class Instance(NamedTuple):
     place: list[list[str]]
 
 
-def _headed(line: str) -> tuple[str, dict[str, str], str]:
-    """A keyword in capitals with single blanks, its parameters, and one that it has twice with two values."""
+def _headed(line: str, number: int, path: Path) -> Card:
+    """A keyword with its parameters, and without data. Raises InputError for a parameter with two values."""
     word, *rest = line[1:].split(",")
-    given, twice = dict[str, str](), ""
-    for name, _, value in (entry.partition("=") for entry in rest):
-        key, value = "".join(name.split()).upper(), value.strip().strip('"')
-        twice = key if given.get(key, value) != value else twice
-        given |= {key: value} if key else {}
-    return " ".join(word.split()).upper(), given, twice
+    name, given = " ".join(word.split()).upper(), dict[str, str]()
+    card = Card(name.replace(" ", ""), given, [], number, path, name)
+    for key, _, value in (entry.partition("=") for entry in rest):
+        key, value = "".join(key.split()).upper(), value.strip().strip('"')
+        if key and given.setdefault(key, value) != value:
+            raise InputError(card.tells(f"it has two {key}"))
+    return card
 
 
 def _goes_on(line: str, following: str) -> bool:
@@ -546,8 +493,9 @@ INCLUDED, DEEPEST = 1000, 50
 """How often a deck may include files, and how deep: a few files that include each other twice would have no end."""
 
 
-def _included(path: Path, within: tuple[Path, ...], read: list[Path]) -> str:
-    """The text of a file that lies `within` others, after those that were `read`. Raises DeckError, OSError."""
+def _lines(path: Path, within: tuple[Path, ...], read: list[Path]) -> list[tuple[int, str]]:
+    """The lines of a file that lies `within` others, after those that were `read`, by number, without comments. Raises
+    DeckError, OSError."""
     data = path.read_bytes()
     if path.resolve() in within:
         raise DeckError(f"{path} includes itself")
@@ -557,21 +505,19 @@ def _included(path: Path, within: tuple[Path, ...], read: list[Path]) -> str:
             f"files are included more than {INCLUDED} times, or within each other more than {DEEPEST} times"
         )
     try:
-        return data.decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return data.decode("latin-1")
+        text = data.decode("latin-1")
+    # a form feed, or a letter of other code pages, ends no line
+    every = enumerate(map(str.strip, re.split("\r\n?|\n", text)), 1)
+    return [(number, line) for number, line in every if line and not line.startswith("**")]
 
 
 def _read(path: Path, cards: list[Card], within: tuple[Path, ...], read: list[Path]) -> None:
     """Append the keywords of a file to the `cards`; data lines at the beginning of an included one are of the last."""
-    text = _included(path, within, read)
-    every = ((number, line.strip()) for number, line in enumerate(text.splitlines(), 1))
-    lines = [(number, line) for number, line in every if line and not line.startswith("**")]
-    k, end = 0, len(lines)
-    lines.append((0, "*"))  # after the last one
-    while k < end:
-        (number, line), begin = lines[k], k + 1
-        k = begin
+    lines = deque(_lines(path, within, read))
+    while lines:
+        number, line = lines.popleft()
         if not line.startswith("*"):
             if not cards:
                 raise DeckError(
@@ -579,17 +525,14 @@ def _read(path: Path, cards: list[Card], within: tuple[Path, ...], read: list[Pa
                 )
             cards[-1].rows.append([entry.strip() for entry in line.rstrip(", ").split(",")])
             continue
-        while line.endswith(",") and _goes_on(line, lines[k][1]):
-            line, k = line + lines[k][1], k + 1
-        name, given, twice = _headed(line)
-        card = Card(name.replace(" ", ""), given, [], number, path, name)
-        if twice:
-            raise InputError(card.tells(f"it has two {twice}"))
+        while line.endswith(",") and lines and _goes_on(line, lines[0][1]):
+            line += lines.popleft()[1]
+        card = _headed(line, number, path)
         if card.word != "INCLUDE":
             cards.append(card)
-        if card.word == "INCLUDE" or (card.word in PARAMETERS and "INPUT" in given):
+        if card.word == "INCLUDE" or (card.word in PARAMETERS and "INPUT" in card.given):
             with card.reading():
-                other = given.pop("INPUT")
-                if not (path.parent / other).is_file():
-                    raise DeckError(f"no such file: {other}")
-            _read(path.parent / other, cards, (*within, path.resolve()), read)
+                name = card.given.pop("INPUT")
+                if not os.path.isfile(other := path.parent / name):
+                    raise DeckError(f"no such file: {name}")
+            _read(other, cards, (*within, path.resolve()), read)

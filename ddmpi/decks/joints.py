@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from functools import cached_property
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import Acting, Card, called, number
+from ddmpi.decks.cards import Card, called, number
 from ddmpi.decks.pieces import Piece
 from ddmpi.errors import InputError
 
 Side = tuple[Piece, np.ndarray]
 """A body, and its facets of a surface."""
+
+Pair = tuple[Piece, np.ndarray, Piece, np.ndarray]
+"""Slave and master, each with its facets."""
 
 
 class Joints:
@@ -23,6 +27,7 @@ class Joints:
 
     def __init__(self, acts: Acts) -> None:
         self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
+        self.kinds = acts.kinds
         self.cleared: list[Card] = []
         self.met: list[
             tuple[Card, tuple[bool, float], dict[str, set[int]]]
@@ -34,17 +39,10 @@ class Joints:
             if clearance not in self.cleared:
                 self.notes.add("lost", clearance, "no *CONTACT PAIR has these surfaces")
 
-    def _again(
-        self,
-        card: Card,
-        laws: tuple[bool, float],
-        slave: Piece,
-        on: np.ndarray,
-        master: Piece,
-        against: np.ndarray,
-    ) -> bool:
+    def _again(self, card: Card, laws: tuple[bool, float], pair: Pair) -> bool:
         """Whether a contact of the same faces is there already, in either order. Those that share some of their faces
         on both sides, or differ in their laws, are lost."""
+        slave, on, master, against = pair
         sides = {slave.name: set(on.tolist()), master.name: set(against.tolist())}
         for other, law, others in self.met:
             if others.keys() != sides.keys() or any(
@@ -59,7 +57,7 @@ class Joints:
         self.met.append((card, laws, sides))
         return False
 
-    def _side(self, card: Card, name: str) -> list[tuple[Piece, np.ndarray]]:
+    def _side(self, card: Card, name: str) -> list[Side]:
         """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
         if self.deck.key("SURFACE", card.scope, name):
             ends = set(self.deck.ends(card, name))
@@ -82,11 +80,8 @@ class Joints:
     ) -> Iterable[dict[str, Any]]:
         """The contacts of a pair of surfaces, one for each two bodies that they have."""
         tied, friction = self._law(card)
-        slaves, masters = (self._side(card, name) for name in (slave_surface, master_surface))
-        held = set().union(
-            {node for node, _ in self.model.kinds["supports"]},
-            *(one.nodes for one in self.model.rigid),
-        )
+        names = slave_surface, master_surface
+        slaves, masters = (self._side(card, name) for name in names)
         joined = self._joined(card, (tied, friction), slaves, masters)
         for slave, on, master, against in joined:
             contact: dict[str, Any] = {
@@ -97,26 +92,31 @@ class Joints:
                 contact["kind"] = "bonded"
             elif friction:
                 contact["friction"] = {"law": "coulomb", "coefficient": friction}
-            if not held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
+            if not self._held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
                 contact["slave"] = slave.name  # supported or rigid all over it could be none
-            pair, gap = frozenset(map(called, (slave_surface, master_surface))), None
-            if clearance := self.model.clearances.get(pair):
-                gap = number(clearance.given["VALUE"])
-                self.cleared.append(clearance)
-                self.notes.add("taken", clearance, "gap")
-            elif not tied and card.says("ADJUST", "NO") != "NO":
+            gap = self._clearance(names)
+            if gap is None and not tied and card.says("ADJUST", "NO") != "NO":
                 gap = self._adjusted(card, slave, slave.heights(on, master, against))
             yield contact | ({} if gap is None else {"gap": gap})
         if joined:
             self.notes.add("taken", card, "bonded contact" if tied else "contact")
-        for slave, on in slaves if tied else ():
-            found = [
-                slave.heights(on, master, against)
-                for own, _, master, against in joined
-                if own is slave
-            ]
-            if found:
-                self._tell_gap(card, slave.points[slave.facets[on][:, :2]], np.concatenate(found))
+        if tied:
+            self._tell_gaps(card, slaves, joined)
+
+    @cached_property
+    def _held(self) -> set[int]:
+        """Nodes with supports, and those of rigid sets."""
+        supported = {node for node, _ in self.kinds["supports"]}
+        return supported.union(*(one.nodes for one in self.model.rigid))
+
+    def _clearance(self, surfaces: Iterable[str]) -> float | None:
+        """The gap of these surfaces by *CLEARANCE, if there is one."""
+        clearance = self.model.clearances.get(frozenset(map(called, surfaces)))
+        if clearance is None:
+            return None
+        self.cleared.append(clearance)
+        self.notes.add("taken", clearance, "gap")
+        return number(clearance.given["VALUE"])
 
     def _law(self, card: Card) -> tuple[bool, float]:
         """Whether a pair of surfaces is tied, and its coefficient of friction. Raises InputError."""
@@ -132,10 +132,10 @@ class Joints:
 
     def _joined(
         self, card: Card, law: tuple[bool, float], slaves: Sequence[Side], masters: Sequence[Side]
-    ) -> list[tuple[Piece, np.ndarray, Piece, np.ndarray]]:
+    ) -> list[Pair]:
         """The sides of a pair of surfaces by two bodies, without those that are in contact already."""
         found = [(*a, *b) for a, b in product(slaves, masters) if a[0] is not b[0]]
-        fresh = [not self._again(card, law, *one) for one in found]
+        fresh = [not self._again(card, law, one) for one in found]
         own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
         if own:
             self.notes.add("lost", card, f"contact of {', '.join(sorted(own))} with itself")
@@ -160,77 +160,79 @@ class Joints:
             self.notes.add("lost", card, "ADJUST that moves some of the nodes only")
         return None
 
-    def _tell_gap(self, card: Card, sides: np.ndarray, heights: np.ndarray) -> None:
-        """Note a tie of nodes with `heights` (k,) beyond its tolerance; without one, beyond a twentieth of the median
-        of `sides` (f, 2, d) of facets."""
+    def _tell_gaps(self, card: Card, slaves: Sequence[Side], joined: Sequence[Pair]) -> None:
+        """Note ties of nodes beyond their tolerance; without one, beyond a twentieth of the median side of facets."""
         word = card.given.get("POSITIONTOLERANCE", "")
-        reach = (
-            number(word)
-            if word
-            else 0.05 * float(np.median(np.linalg.norm(sides[:, 0] - sides[:, 1], axis=1)))
-        )
-        near, far = heights.min(initial=np.inf), heights.max(initial=0.0)
-        if word and near > reach:
-            self.notes.add("lost", card, f"a tie over a gap of {near:.3g}, beyond its tolerance")
-        elif far > reach:
-            self.notes.add(
-                "changed", card, f"nodes {far:.3g} apart, beyond its tolerance, are tied"
-            )
+        for slave, on in slaves:
+            found = [
+                slave.heights(on, master, against)
+                for own, _, master, against in joined
+                if own is slave
+            ]
+            if not found:
+                continue
+            heights = np.concatenate(found)
+            sides = np.diff(slave.points[slave.facets[on][:, :2]], axis=1)
+            reach = number(word) if word else 0.05 * float(np.median(np.linalg.norm(sides, axis=2)))
+            near, far = heights.min(initial=np.inf), heights.max(initial=0.0)
+            if word and near > reach:
+                self.notes.add(
+                    "lost", card, f"a tie over a gap of {near:.3g}, beyond its tolerance"
+                )
+            elif far > reach:
+                self.notes.add(
+                    "changed", card, f"nodes {far:.3g} apart, beyond its tolerance, are tied"
+                )
 
     def bolts(self) -> Iterable[dict[str, Any]]:
         """The bonded contacts at the sections of bolts, with the force of their reference nodes, or over a gap by which
         these shorten them; and around the layers that had to be taken out."""
         for card, ends, section, around in self.acts.cuts:
+            node = self.model.node(card, card.given["NODE"])
             sides = self.acts.on(ends)
             others = [
                 (piece, facets)
                 for piece, facets, _ in self.acts.at(section)
                 if len(facets) and not any(piece is one for one, _ in sides)
             ]
-            node = self.model.node(card, card.given["NODE"])
-            force, offset = (
-                self.model.kinds[kind].get((node, 1)) for kind in ("forces", "supports")
-            )
-            given = force or offset
-            cuts = len(sides) == len(others) == 1 and not (force and offset)
-            reason = self._shared(card, node) or _incomplete(given, cuts)
-            if reason or not given:
+            if reason := self._no_bolt(card, node, [*map(len, (sides, others))] == [1, 1]):
                 self.notes.add("lost", card, reason)
                 continue
             ((piece, facets),), ((other, against),) = sides, others
-            if force and node in self.model.locked:  # after its last point the offset is kept
-                kept = tuple(p for p in force.course if p[0] <= self.model.locked[node])
-                given = force._replace(course=kept)
-            value, history = self.acts.factor(given)
-            normal = piece.outward(facets)
-            if card.rows and normal @ card.values()[: len(normal)] < 0.0:
-                value = -value  # its normal points into the elements of the surface
-            words = "a bond with a pretension" if force else "a bond over a gap"
-            self.notes.add("taken", card, words)
             bond: dict[str, Any] = {"bodies": [piece.name, other.name], "kind": "bonded"}
             on = [piece.group(facets, "section"), other.group(against, "section")]
-            pull = {"force": value / self.acts.matter.depth, "along": normal.tolist()}
-            how = {"pretension": pull} if force else {"gap": {"value": value}}
-            yield bond | {"on": on} | {key: entry | later(history) for key, entry in how.items()}
+            yield bond | {"on": on} | self._pulled(card, node, piece.outward(facets))
             if len(around):
                 words = "the elements at the section are a body of their own, bonded to the others, which hang together"
                 self.notes.add("changed", card, f"{words} without it")
-                yield bond | {
-                    "on": [
-                        one.group(one.whole(one.within(around)), "layer") for one in (piece, other)
-                    ]
-                }
+                layers = [(one, one.whole(one.within(around))) for one in (piece, other)]
+                yield bond | {"on": [one.group(facets, "layer") for one, facets in layers]}
 
-    def _shared(self, card: Card, node: int) -> str:
-        """Why the node of a section cannot be that of this section alone; empty if it can."""
+    def _pulled(self, card: Card, node: int, normal: np.ndarray) -> dict[str, Any]:
+        """How a bolt is pulled at its section, whose `normal` (d,) points away from the elements of its surface."""
+        force = self.kinds["forces"].get((node, 1))
+        given = force or self.kinds["supports"][node, 1]
+        if force and node in self.model.locked:  # after its last point the offset is kept
+            kept = tuple(p for p in force.course if p[0] <= self.model.locked[node])
+            given = force._replace(course=kept)
+        value, history = self.acts.factor(given)
+        if card.rows and normal @ card.values()[: len(normal)] < 0.0:
+            value = -value  # its normal points into the elements of the surface
+        if not force:
+            self.notes.add("taken", card, "a bond over a gap")
+            return {"gap": {"value": value} | later(history)}
+        self.notes.add("taken", card, "a bond with a pretension")
+        pull = {"force": value / self.acts.matter.depth, "along": normal.tolist()}
+        return {"pretension": pull | later(history)}
+
+    def _no_bolt(self, card: Card, node: int, cuts: bool) -> str:
+        """Why a section with this node is no bolt of its own; empty if it is one. It `cuts` a body in two, or not."""
         for one, *_ in self.acts.cuts:
             if one is not card and self.model.node(one, one.given["NODE"]) == node:
                 return f"its node is also that of line {one.line}"
-        return "its node is the reference node of a rigid set" * (node in self.acts.rigid_nodes)
-
-
-def _incomplete(given: Acting | None, cuts: bool) -> str:
-    """Why a section is no bolt; empty if it is one."""
-    if not given:
-        return "a pre-tension whose node has neither a force nor a displacement"
-    return "" if cuts else "a section that does not cut a body in two"
+        if node in self.acts.rigid_nodes:
+            return "its node is the reference node of a rigid set"
+        given = [(node, 1) in self.kinds[kind] for kind in ("forces", "supports")]
+        if not any(given):
+            return "a pre-tension whose node has neither a force nor a displacement"
+        return "" if cuts and not all(given) else "a section that does not cut a body in two"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import Card, DeckError, Notes, axes, called, numbers
+from ddmpi.decks.cards import Card, DeckError, axes, called, numbers
 from ddmpi.decks.deck import STRIDE
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, own_name
@@ -31,8 +31,8 @@ def table(card: Card, width: int) -> tuple[np.ndarray, np.ndarray]:
 class Matter:
     """The materials of a deck as a scene has them, plane ones by the `family` of the elements."""
 
-    def __init__(self, model: Model, notes: Notes, family: str) -> None:
-        self.model, self.notes, self.family = model, notes, family
+    def __init__(self, model: Model, family: str) -> None:
+        self.model, self.notes, self.family = model, model.notes, family
         self.owner: dict[int, int] = {}  # section by element; the last one counts
         for k, (members, _, thick, _, card) in enumerate(model.sections):
             if card.word != "CHANGESOLIDSECTION":

@@ -111,11 +111,8 @@ class Model:
         }
         self.rigid_nodes = set[int]()  # reference nodes of rigid sets, and their nodes of rotations
         self._coupling: Rigid | None = None  # a *COUPLING before its second keyword
-        self._defined: dict[tuple[str, str], Card] = {}
-        self._within, self._inside = (
-            "",
-            dict[str, Card](),
-        )  # the material or interaction whose keywords follow
+        # the material or interaction whose keywords follow
+        self._within, self._inside = "", dict[str, Card]()
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
         self._since = 0  # place of the first card of this step
@@ -155,6 +152,11 @@ class Model:
                     )
                 )
 
+    @property
+    def friction(self) -> bool:
+        """Whether any contact has friction."""
+        return any("FRICTION" in law for law in self.interactions.values())
+
     def temperatures(self, nodes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """(n,) the temperatures of nodes at first and at the end."""
         first, heat = [self.start.get(node, 0.0) for node in nodes], self.kinds["heat"]
@@ -179,23 +181,15 @@ class Model:
         return nodes.pop()
 
     def _read(self) -> None:
-        steps = self._steps()
-        # a step that is not static is called by its first keyword that static ones do not have
-        ways = [
-            next((card for card in step if card.word == "STATIC"), None)
-            or next((card for card in step if not self._known(card.word)), step[0])
-            for step in steps
-        ]
-        static = [k for k, way in enumerate(ways) if way.word == "STATIC"]
+        steps = [(step, self._way(step)) for step in self._steps()]
+        static = [k for k, (_, way) in enumerate(steps) if way.word == "STATIC"]
         if not static:
             what = " (is it cut off?)"
             if steps:
-                what = f"; its first step, on line {steps[0][0].line}, is *{ways[0].name}"
+                step, way = steps[0]
+                what = f"; its first step, on line {step[0].line}, is *{way.name}"
             raise InputError(f"it has no *STATIC step{what}; ddmpi computes static equilibrium")
-        for k, (step, way) in enumerate(zip(steps, ways, strict=True)):
-            others = [card.line for card in step if card.word == way.word and card.rows != way.rows]
-            if others:
-                raise InputError(way.tells(f"line {others[0]} gives the same step other times"))
+        for k, (step, way) in enumerate(steps):
             if way.word == "STATIC":
                 with way.reading():
                     self._follow(step, way)
@@ -207,6 +201,16 @@ class Model:
                 self.notes.add("lost", way, "only *STATIC steps are computed")
         self.rigid_nodes = {node for rigid in self.rigid for node in (rigid.ref, rigid.turn)}
         self._tell_changes()
+
+    def _way(self, step: list[Card]) -> Card:
+        """The keyword of what a step computes: its first one that static steps do not have, if it is not static. Raises
+        InputError for two different ones."""
+        odd = [card for card in step if not self._known(card.word)]
+        way = [*(card for card in step if card.word == "STATIC"), *odd, step[0]][0]
+        others = [card.line for card in step if card.word == way.word and card.rows != way.rows]
+        if others:
+            raise InputError(way.tells(f"line {others[0]} gives the same step other times"))
+        return way
 
     def _steps(self) -> list[list[Card]]:
         """The keywords of each step; those outside of steps are taken. Raises InputError."""
@@ -241,8 +245,7 @@ class Model:
     def _tell_changes(self) -> None:
         """Note what changes from step to step. Elastic bodies without friction forget the way to a state, unless the
         offset of a bolt is kept."""
-        friction = any("FRICTION" in law for law in self.interactions.values())
-        forgets = not self.locked and not friction
+        forgets = not self.locked and not self.friction
         self.final = forgets and bool(self.changing)
         words = ": only the state at the end of the last step is computed"
         for card, what in self.changing:
@@ -268,25 +271,35 @@ class Model:
         for kind, acting in self.kinds.items():
             fresh, self._fresh[kind] = self._fresh[kind], {}
             for key in dict.fromkeys([*acting, *fresh]):
-                old = acting.get(key, Acting(way, ((0.0, 0.0), (begin, 0.0))[: 1 + bool(begin)]))
-                card, value = fresh.get(key, (old.card, old.value))
-                on: Iterable[tuple[float, float]] = ()
+                nothing = Acting(way, ((0.0, 0.0), (begin, 0.0))[: 1 + bool(begin)])
                 if kind == "supports" and self.ends and key not in acting:
-                    self.changing.append((card, "a support that begins in a later step"))
-                if key in fresh or (kind not in self._renewed and self._goes_on(card)):
-                    on = self._course(card, value, begin, end)
-                elif kind in self._renewed and kind == "supports":
-                    self.changing.append((card, "a support that ends before a later step"))
+                    words = "a support that begins in a later step"
+                    self.changing.append((fresh[key][0], words))
+                old = acting.get(key, nothing)
+                if (new := self._followed(kind, old, fresh.get(key), begin, end)) is None:
                     del acting[key]
-                    continue
-                elif kind in self._renewed:
-                    value, on = 0.0, [(end, 0.0)]
-                course = (*old.course, *on)
-                course = (
-                    course if course[-1][0] == end else (*course, (end, course[-1][1]))
-                )  # it stays
-                acting[key] = Acting(card, course[1:] if course[1][0] == 0.0 else course, value)
+                else:
+                    acting[key] = new
         self.ends.append(end)
+
+    def _followed(
+        self, kind: str, old: Acting, fresh: tuple[Card, float] | None, begin: float, end: float
+    ) -> Acting | None:
+        """A load or support to the end of a step, which gives it a `fresh` value or none; None for a support that ends
+        with OP=NEW."""
+        card, value = fresh or (old.card, old.value)
+        on: Iterable[tuple[float, float]] = ()
+        if fresh or (kind not in self._renewed and self._goes_on(card)):
+            on = self._course(card, value, begin, end)
+        elif kind in self._renewed and kind == "supports":
+            self.changing.append((card, "a support that ends before a later step"))
+            return None
+        elif kind in self._renewed:
+            value, on = 0.0, [(end, 0.0)]
+        course = (*old.course, *on)
+        if course[-1][0] != end:  # it stays
+            course = (*course, (end, course[-1][1]))
+        return Acting(card, course[1:] if course[1][0] == 0.0 else course, value)
 
     def _goes_on(self, card: Card) -> bool:
         """Whether a load follows an amplitude of the total time, in later steps too."""
@@ -353,12 +366,12 @@ class Model:
     def _on_material(self, card: Card) -> None:
         of = self.materials if card.word == "MATERIAL" else self.interactions
         name = called(card.given["NAME"]).upper()
-        other = self._defined.setdefault((card.word, name), card)
+        self._within, self._inside = card.word, of.setdefault(name, {card.word: card})
+        other = self._inside[card.word]
         if other.place != card.place:
             raise DeckError(
                 f"there are two of the name {card.says('NAME')}; the other is on line {other.line}"
             )
-        self._within, self._inside = card.word, of.setdefault(name, {})
 
     _on_surfaceinteraction = _on_material
 

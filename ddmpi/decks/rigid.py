@@ -33,7 +33,7 @@ class RigidSets:
     """
 
     def __init__(self, acts: Acts) -> None:
-        self.acts, self.notes, self.model = acts, acts.notes, acts.model
+        self.acts, self.notes, self.model, self.kinds = acts, acts.notes, acts.model, acts.kinds
         self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
         self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
         self.partners: list[dict[str, Any]] = []
@@ -59,7 +59,7 @@ class RigidSets:
             return "sets with one reference node turn by different nodes"
         if first.ref in self.acts.home and (first.spread or first.ref not in nodes):
             return "its reference node is one of a body, and not one of the set"
-        acting = {node for kind in ("supports", "forces") for node, _ in self.model.kinds[kind]}
+        acting = {node for kind in ("supports", "forces") for node, _ in self.kinds[kind]}
         turned = {first.ref, first.turn} & self.model.transforms.keys()
         return "its reference node has a *TRANSFORM" * bool(turned & acting)
 
@@ -166,17 +166,15 @@ class RigidSets:
         return ""
 
     def _surface(self, faces: Sequence[Face]) -> dict[str, Any]:
-        """The surface of a rigid partner: of one flat face in space its plane, which pictures show; else none."""
+        """The surface of a rigid partner: of one flat face in space its plane, which pictures show; else none, as of two
+        faces, also parallel ones of one body, of which a plane would meet one alone."""
         (piece, facets), *others = faces
-        normal = piece.outward(facets)
-        if (
-            others
-            or len(normal) < 3
-            or np.abs(np.abs(piece.normals(facets) @ normal) - 1.0).max() > EXACT
-        ):
+        normal, places = piece.outward(facets), piece.facets[facets]
+        points = piece.points[places[places >= 0]]
+        off = np.abs((points - points[0]) @ normal).max()
+        if others or len(normal) < 3 or off > EXACT * np.ptp(points, axis=0).max():
             return {"shape": "node"}
-        point = piece.points[piece.facets[facets[0], 0]].tolist()
-        return {"shape": "plane", "point": point, "normal": (-normal).tolist()}
+        return {"shape": "plane", "point": points[0].tolist(), "normal": (-normal).tolist()}
 
     def _spread(
         self,
@@ -227,7 +225,7 @@ class RigidSets:
         is none; and the histories of those that are not zero."""
         values, histories = np.full(9, np.nan), set[str | None]()
         apart = rigid.turn != rigid.ref
-        for (node, component), acting in self.model.kinds[kind].items():
+        for (node, component), acting in self.kinds[kind].items():
             if node in (rigid.ref, rigid.turn):
                 value, history = self.acts.factor(acting)
                 k = component - 1 + 3 * (node == rigid.turn and apart)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, DeckError, Notes, axes, called
-from ddmpi.decks.deck import STRIDE, Deck
+from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, Course, DeckError, Notes, axes, called
+from ddmpi.decks.deck import Deck, refuse_lost
 from ddmpi.decks.joints import Joints
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
@@ -35,6 +35,17 @@ VARIANTS = {
     "RT": "full integration",
 }
 """What changes in the variants of elements; others are refused."""
+
+CUT = {
+    "hexahedron": "tetrahedra",
+    "wedge": "tetrahedra",
+    "pyramid": "tetrahedra",
+    "quad": "triangles",
+}
+"""Elements that are cut, and into what."""
+
+LINEAR = ("C3D4", "CPE3", "CPS3", "CAX3")
+"""Elements that stay linear; others are quadratic, or become so."""
 
 METALS = 4e4, 1e6
 """Moduli of metals in MPa, neither in Pa nor in ksi."""
@@ -59,18 +70,44 @@ class Importer:
                     name == "PERTURBATION" and linear
                 ):
                     self.notes.add("lost", card, f"its parameter {name} is not possible")
-        self.pieces, self.family, quadratic = self._pieces()
-        self.order = 2 if quadratic else 1
-        self.matter = Matter(self.model, self.notes, self.family)
-        self.acts = Acts(self.model, self.notes, self.matter, self.pieces, self.family, self.cuts)
+        self.cuts: list[Cut] = []
+        self.family, blocks = self._elements()
+        self.order = 2 if any(block.name not in LINEAR for block in blocks) else 1
+        self.pieces = self._pieces(blocks)
+        self.matter = Matter(self.model, self.family)
+        self.acts = Acts(self.matter, self.pieces, self.cuts)
 
-    def _pieces(self) -> tuple[list[Piece], str, bool]:
-        """The bodies, their family, and whether elements are quadratic. Raises InputError where there are none."""
+    def _pieces(self, blocks: Sequence[Block]) -> list[Piece]:
+        """The bodies of these elements. Raises DeckError where nodes are not there."""
+        (numbers, points), rows = self.deck.placed(), rows_of(blocks)
+        points = points if self.family == "C3D" else points[:, :2]
+        for block in blocks:
+            refuse_lost(block.entries, numbers)
+        for card in self.model.bolts:
+            if "SURFACE" not in card.given:
+                words = "a pre-tension that is not of a section of solid elements"
+                self.notes.add("lost", card, words)
+                continue
+            ends = set(self.deck.ends(card, card.given["SURFACE"]))
+            rows, section, around = cut(blocks, rows, ends, numbers, points)
+            self.cuts.append((card, ends, section, around))
+        pieces: list[Piece] = []
+        sets = self._element_sets()
+        for own in split(blocks, rows):
+            elements = frozenset(np.concatenate([block.entries[:, 0] for block in own]).tolist())
+            named = sets.get(elements) or f"part{len(pieces) + 1}"
+            name = own_name(named, [piece.name for piece in pieces])
+            pieces.append(Piece(name, own, numbers, points))
+        return pieces
+
+    def _elements(self) -> tuple[str, list[Block]]:
+        """The family of the elements that a scene may have, and these. Raises InputError where there are none."""
         notes, families = self.notes, defaultdict[str, list[Block]](list)
         for card in self.deck.odd:
             notes.add("lost", card, f"elements of type {card.given.get('TYPE', '(none)')}")
         for block in self.deck.blocks:
-            name, fits = block.card.says("TYPE"), FAMILIES.match(block.card.says("TYPE"))
+            name = block.card.says("TYPE")
+            fits = FAMILIES.match(name)
             if not fits or fits[3] not in VARIANTS:
                 notes.add("lost", block.card, f"elements of type {name}")
                 continue
@@ -78,6 +115,9 @@ class Importer:
             notes.add("taken", block.card, f"elements of type {name}")
             if VARIANTS[fits[3]]:
                 notes.add("changed", block.card, f"{name} as {block.name}: {VARIANTS[fits[3]]}")
+            if block.kind in CUT:
+                words = f"cut into quadratic {CUT[block.kind]}: linear ones would be too stiff"
+                notes.add("changed", block.card, f"{block.name} {words}")
         if not families:
             raise InputError(
                 "it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX"
@@ -86,41 +126,7 @@ class Importer:
             raise InputError(
                 f"it has elements of the families {' and '.join(sorted(families))}; a scene has one"
             )
-        ((family, blocks),) = families.items()
-        quadratic = any(block.name not in ("C3D4", "CPE3", "CPS3", "CAX3") for block in blocks)
-        for block in blocks:
-            if block.kind in ("hexahedron", "wedge", "quad", "pyramid"):
-                notes.add(
-                    "changed",
-                    block.card,
-                    f"{block.name} cut into quadratic "
-                    f"{'tetrahedra' if family == 'C3D' else 'triangles'}: linear ones would be too stiff",
-                )
-        (numbers, points), rows = self.deck.placed(), rows_of(blocks)
-        points = points if family == "C3D" else points[:, :2]
-        lost = np.setdiff1d(
-            np.concatenate([block.entries[:, 1:].ravel() for block in blocks]), numbers
-        )
-        if len(lost):
-            raise InputError(
-                f"an element has node {lost[0] % STRIDE}, which is not there; is the deck cut off?"
-            )
-        self.cuts: list[Cut] = []
-        for card in self.model.bolts:
-            if "SURFACE" not in card.given:
-                notes.add("lost", card, "a pre-tension that is not of a section of solid elements")
-                continue
-            ends = set(self.deck.ends(card, card.given["SURFACE"]))
-            rows, section, around = cut(blocks, rows, ends, numbers, points)
-            self.cuts.append((card, ends, section, around))
-        pieces: list[Piece] = []
-        sets = self._element_sets()
-        for blocks_of_one in split(blocks, rows):
-            elements = np.sort(np.concatenate([block.entries[:, 0] for block in blocks_of_one]))
-            named = sets.get(frozenset(elements.tolist()), "") if len(elements) else ""
-            name = own_name(named or f"part{len(pieces) + 1}", [piece.name for piece in pieces])
-            pieces.append(Piece(name, blocks_of_one, numbers, points))
-        return pieces, family, quadratic
+        return families.popitem()
 
     def _element_sets(self) -> dict[frozenset[int], str]:
         """Names of sets of elements by their members; those of sections first; within instances their names."""
@@ -135,63 +141,57 @@ class Importer:
 
     def scene(self, title: str) -> dict[str, Any]:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
-        bodies = []
-        acts, tractions, joints, sets = (
-            self.acts,
-            self.acts.loads(),
-            Joints(self.acts),
-            RigidSets(self.acts),
-        )
+        acts, tractions = self.acts, self.acts.loads()
+        joints, sets = Joints(acts), RigidSets(acts)
+        bodies, stiffest = [], 0.0
         for piece in self.pieces:
             heat, expansions = acts.heat(piece)
             materials = self.matter.of(piece, expansions)
-            body = {
-                "name": piece.name,
-                "mesh": {"file": f"{piece.name}.inp", "order": self.order},
-                "material": materials[0] if len(materials) == 1 else materials,
-                "clamp": acts.clamps(piece) + sets.clamps[piece.name],
-                "traction": tractions[piece.name] + sets.tractions[piece.name],
-                "volume_force": acts.volume_forces(piece),
-                "temperature": heat,
-            }
-            bodies.append({key: value for key, value in body.items() if value not in (None, [])})
+            stiffest = max(stiffest, *(np.max(one["young"]) for one in materials))
+            bodies.append(
+                {
+                    "name": piece.name,
+                    "mesh": {"file": f"{piece.name}.inp", "order": self.order},
+                    "material": materials[0] if len(materials) == 1 else materials,
+                    "clamp": acts.clamps(piece) + sets.clamps[piece.name],
+                    "traction": tractions[piece.name] + sets.tractions[piece.name],
+                    "volume_force": acts.volume_forces(piece),
+                    "temperature": heat,
+                }
+            )
         contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
         joints.unmet()
-        contacts += [*sets.bonds, *joints.bolts()]
-        names: list[str] = []
-        for contact in contacts:
-            names.append(own_name("-".join(contact["bodies"]), names))
-            contact["name"] = names[-1]
-        histories = {
-            name: {
-                "times": [time for time, _ in course],
-                "factors": [factor for _, factor in course],
-            }
-            for course, name in acts.histories.items()
-        }
         scene: dict[str, Any] = {
             "title": title,
             "axisymmetric": self.family == "CAX" or None,
-            "body": bodies,
+            "body": [*map(_filled, bodies)],
             "rigid": sets.partners,
-            "contact": [{"name": contact["name"]} | contact for contact in contacts],
-            "history": histories,
+            "contact": _with_names([*contacts, *sets.bonds, *joints.bolts()]),
+            "history": {name: _history(course) for course, name in acts.histories.items()},
         }
         if acts.timed:
             sliding = any("friction" in contact for contact in contacts)
             scene["time"] = {"points": self.model.ends} | ({} if sliding else {"steps": 1})
-        largest = max(
-            (
-                np.max(one["young"])
-                for body in bodies
-                for one in np.atleast_1d(body["material"])
-                if "young" in one
-            ),
-            default=0.0,
-        )
-        if METALS[0] <= largest <= METALS[1]:
+        if METALS[0] <= stiffest <= METALS[1]:
             scene["output"] = {"length_unit": "mm", "stress_unit": "MPa"}
-        return {key: value for key, value in scene.items() if value not in (None, [], {})}
+        return _filled(scene)
+
+
+def _filled(entries: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in entries.items() if value not in (None, [], {})}
+
+
+def _history(course: Course) -> dict[str, list[float]]:
+    times, factors = zip(*course, strict=True)
+    return {"times": [*times], "factors": [*factors]}
+
+
+def _with_names(contacts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Contacts with names of their own, after those of their bodies."""
+    names: list[str] = []
+    for contact in contacts:
+        names.append(own_name("-".join(contact["bodies"]), names))
+    return [{"name": name} | contact for name, contact in zip(names, contacts, strict=True)]
 
 
 def import_deck(

@@ -154,11 +154,12 @@ def measures(state: ContactState) -> dict[str, np.ndarray]:
     """By result of a contact the row (size,), of a vector (d or 3, size), whose product with changes of its forces is
     the change of the result: all are linear in the forces, as directions stay."""
     interface, law, m = state.interface, state.interface.law, state.interface.m
+    # The force on the first body is −Σ s · directions.
     along, peak = (
         interface.directions,
         np.argmax(state.pressure),
-    )  # the force on the first body is −Σ s · directions
-    at = (interface.xy if interface.at is None else interface.at[0])[law.node]
+    )
+    at = interface.places[law.node]
     normal, pressure = np.repeat([1.0, 0.0], [m, law.size - m]), np.zeros(law.size)
     pressure[peak] = replace(state, normal_force=np.ones(m)).pressure[peak]
     tangential = 1.0 - normal

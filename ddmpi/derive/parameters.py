@@ -16,9 +16,8 @@ from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.law import CoulombLaw, Law, TrescaLaw
 from ddmpi.mesh.boundary import material_numbers
-from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.bodies import Heat, SettledBody, VolumeForce
 from ddmpi.scene.contacts import Rigid, SettledContact
-from ddmpi.scene.values import Heat, VolumeForce
 
 
 @dataclass(frozen=True)

@@ -153,8 +153,7 @@ def refuse_contradiction(
 
 def _constrained(interface: Interface, movers: Sequence[Mover]) -> Iterator[Constrained]:
     """The places of an interface that show contradictions: rows and fixed nodes, or what lies between the nodes."""
-    rows = Places(interface.nodes, interface.normal, interface.gap, interface.transfer)
-    for places in [interface.probes] if interface.slave else [rows, interface.fixed]:
+    for places in [interface.probes] if interface.slave else [interface.rows, interface.fixed]:
         # Along eigenvectors of M_1 + M_2 with eigenvalue zero neither side can yield to a force. The sum is positive
         # semi-definite, as projections and means of them are.
         sizes, axes = np.linalg.eigh(sum(mover.free(places, k) for k, mover in enumerate(movers)))

@@ -30,15 +30,16 @@ MANY_ELEMENTS = 5.0
 
 @dataclass(frozen=True)
 class Places:
-    """Places on an interface at which the gap is evaluated; they carry no unknowns.
+    """Places on an interface: its rows, or others at which the gap is evaluated and which carry no unknowns.
 
     Attributes
     ----------
     nodes : of both sides (j,), numbers in the meshes; empty for a rigid partner
     normal : (k, d) outer normals of the first body
-    gap : (k,) initial gap (m), at the factor 1 of its history
+    gap : (k,) initial gap along the normal (m), at the factor 1 of its history; negative for an initial overlap
     transfer : of both sides (k, j), sparse: displacements of the places from those of the side's nodes
     stays : (k,) the fraction of an initial overlap that clamps preserve, which is no error of the answer
+    beyond : how many of the last places are rows that were left out as open
     """
 
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
@@ -49,6 +50,7 @@ class Places:
         sparse.csr_matrix((0, 0)),
     )
     stays: np.ndarray | float = 0.0
+    beyond: int = 0
 
     def opening(self, scale: float) -> np.ndarray:
         """(k,) the gap times `scale` (m), without the overlap that clamps preserve."""
@@ -57,6 +59,13 @@ class Places:
     def moved(self, side: int, u: np.ndarray) -> np.ndarray:
         """Displacement (k, d) of the places with a side, from that of all its body's nodes (nv, d)."""
         return self.transfer[side] @ u[self.nodes[side]]
+
+    def on_rigid(self) -> Places:
+        """The same places with a second side that belongs to no body."""
+        none = sparse.csr_matrix((len(self.gap), 0))
+        return replace(
+            self, nodes=(self.nodes[0], np.empty(0, int)), transfer=(self.transfer[0], none)
+        )
 
 
 @dataclass(frozen=True)
@@ -96,8 +105,89 @@ class Lines:
 
 
 @dataclass(frozen=True)
+class Geometry:
+    """Where the rows of an interface are. The first of its two sides defines the directions.
+
+    Attributes
+    ----------
+    xy : (m, d) positions of the contact nodes on the first side, or on the slave (m)
+    tangents : (m, d − 1, d) unit vectors of the first body, beside its outer normals; the second body's are opposite
+    area : (m,) nodal lengths, in space areas, over the part that faces the other side (m or m²)
+    at : of both sides (m, d), points of application of the rows' forces (m)
+    facets : (f, l) rows at the nodes of facets, outward, in space triangles. Only facets that wholly face the other
+        side and whose nodes share no rows; at an axis in order 2 the row of a middle is listed twice
+    laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); zero at nodes without a row
+        that clamps or other contacts constrain. Rows with a common entry are neighbours
+    arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
+    stands : (m,) the node of the slave, or of the first body, at which each row stands, by its number in the mesh
+    axisymmetric : whether nodal lengths are areas of revolution around x = 0
+    pointwise : whether the sides meet along edges or at vertices only, with forces but no stresses; `area` then comes
+        from the distance between nodes and only steers the iteration
+    waves : whether elements can follow the rows' functions within a facet, as those of order 2 in space
+    """
+
+    xy: np.ndarray
+    tangents: np.ndarray
+    area: np.ndarray
+    at: tuple[np.ndarray, np.ndarray]
+    facets: np.ndarray
+    laplacian: sparse.csr_matrix
+    arc: np.ndarray = field(default_factory=lambda: np.empty(0))
+    stands: np.ndarray = field(default_factory=lambda: np.empty(0, int))
+    axisymmetric: bool = False
+    pointwise: bool = False
+    waves: bool = False
+
+
+@dataclass(frozen=True)
+class Partner:
+    """The prescribed motion of the second side: of a rigid partner, or of a bond with a pretension.
+
+    Attributes
+    ----------
+    motion : of a rigid partner; none for bodies
+    history : of the motion, or None
+    pull, offset : (d,) direction of a pretension, empty if there is none; how far the first side is pulled along it
+        (m): the bond is closed when the sides are apart by this
+    """
+
+    motion: RigidMotion = field(default_factory=lambda: RigidMotion(np.zeros(())))
+    history: str | None = None
+    pull: np.ndarray = field(default_factory=lambda: np.empty(0))
+    offset: float = 0.0
+
+    def carried(self, places: np.ndarray) -> np.ndarray:
+        """Displacement (k, d) of the rigid partner, or by the offset, at places (k, d) (m); zero for bodies."""
+        carried = self.motion.at(places)
+        return carried + self.offset * self.pull if self.offset else carried
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """What files and pictures show of an interface.
+
+    Attributes
+    ----------
+    lines : the nodes of the rows
+    draw : makes the `outline` when it is asked for; None where nobody asks
+    """
+
+    lines: Lines = Lines(np.empty(0, int), np.empty((0, 2)), np.empty(0), np.empty((0, 2), int))
+    draw: Callable[[], Outline] | None = None
+
+    @cached_property
+    def outline(self) -> Outline:
+        """The outline of the covered part."""
+        assert self.draw
+        return self.draw()
+
+    def __getstate__(self) -> dict[str, object]:
+        return vars(self) | {"draw": partial(copy, self.outline)}  # without what it is made of
+
+
+@dataclass(frozen=True)
 class Interface:
-    """Where two bodies meet. The first of its two sides defines the directions.
+    """Where two bodies meet.
 
     A vector of the interface has `size` entries: m along the normals, then d − 1 tangential ones of each sliding node.
 
@@ -108,79 +198,40 @@ class Interface:
     Attributes
     ----------
     name, bodies : of the contact, and of its two bodies; the second may be a rigid partner, which has no nodes
-    xy : (m, d) positions of the contact nodes on the first side, or on the slave (m)
-    frame : (m, d, d) unit vectors of the first body: outer normal, then tangents; the second body's are opposite
-    area : (m,) nodal lengths, in space areas, over the part that faces the other side (m or m²)
-    gap : (m,) initial gap along the normal (m), at the factor 1 of its history; negative for an initial overlap
-    nodes : of both sides (k,), numbers in the meshes; empty for a rigid partner
-    transfer : of both sides (m, k), sparse: displacements of the contact nodes from those of the side's nodes
-    law : of contact and friction at these nodes
+    geometry, rows : where the rows are; how they follow the nodes of both sides, with their gaps
+    law : of contact and friction at the rows
     modulus : E* (Pa), 1/E* = (1 − ν²)/E of the first body + that of the second; a rigid partner adds nothing
-    fixed : nodes without unknowns, because clamps constrain both bodies there; the certificate ignores their gap
-    facets : (f, l) rows at the nodes of facets, outward, in space triangles. Only facets that wholly face the other
-        side and whose nodes share no rows; at an axis in order 2 the row of a middle is listed twice
-    laplacian : (m, m) sparse, of hat functions on all facets between the rows, m^(d − 3); zero at nodes without a row
-        that clamps or other contacts constrain. Rows with a common entry are neighbours
-    one_sided : (size,) bool, unknowns along which only one of the bodies can move
-    displacement : (d,) of a rigid partner, or of its pivot (m); zero for bodies
-    pull, offset : (d,) direction of a pretension, empty if there is none; how far the first side is pulled along it
-        (m): the bond is closed when the sides are apart by this
-    turn, pivot : of a rigid partner that turns: (t,) about (d,) the pivot (rad, m); empty for all others
-    at : of both sides (m, d), points of application of the rows' forces (m); None where unknown
+    one_sided : (size,) bool, unknowns along which only one of the bodies can move; empty if there are none
     slave : name of the body whose nodes carry the rows where the nodes do not match, else None
-    lines : the nodes of the rows
-    stands : (m,) the node of the slave, or of the first body, at which each row stands, by its number in the mesh
-    draw : makes the `outline` of the covered part when it is asked for
+    partner : the prescribed motion of the second side
+    fixed : nodes without unknowns, because clamps constrain both bodies there; the certificate ignores their gap
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
-    beyond : number of rows that were left out as open; they are the last probes
-    history, gap_history : the histories of the rigid partner's displacement and of the gap, or None
-    scale : factor of the gap at present
-    arc : (m,) arc lengths along the first body's boundary, by which profiles count (m); empty where there are none
-    axisymmetric : whether nodal lengths are areas of revolution around x = 0
-    pointwise : whether the sides meet along edges or at vertices only, with forces but no stresses; `area` then comes
-        from the distance between nodes and only steers the iteration
-    waves : whether elements can follow the rows' functions within a facet, as those of order 2 in space
+    gap_history, scale : the history of the gap, or None; the gap's factor at present
+    drawing : what files and pictures show
     """
 
     name: str
     bodies: tuple[str, str]
-    xy: np.ndarray
-    frame: np.ndarray
-    area: np.ndarray
-    gap: np.ndarray
-    nodes: tuple[np.ndarray, np.ndarray]
-    transfer: tuple[sparse.csr_matrix, sparse.csr_matrix]
+    geometry: Geometry
+    rows: Places
     law: Law
     modulus: float
-    facets: np.ndarray
-    laplacian: sparse.csr_matrix
-    one_sided: np.ndarray
-    displacement: np.ndarray
-    fixed: Places = field(default_factory=Places)
-    at: tuple[np.ndarray, np.ndarray] | None = None
+    one_sided: np.ndarray = field(default_factory=lambda: np.empty(0, bool))
     slave: str | None = None
-    lines: Lines = Lines(np.empty(0, int), np.empty((0, 2)), np.empty(0), np.empty((0, 2), int))
-    stands: np.ndarray = field(default_factory=lambda: np.empty(0, int))
-    draw: Callable[[], Outline | None] | None = None
+    partner: Partner = Partner()
+    fixed: Places = field(default_factory=Places)
     probes: Places = field(default_factory=Places)
-    beyond: int = 0
-    history: str | None = None
     gap_history: str | None = None
     scale: float = 1.0
-    arc: np.ndarray = field(default_factory=lambda: np.empty(0))
-    pull: np.ndarray = field(default_factory=lambda: np.empty(0))
-    offset: float = 0.0
-    turn: np.ndarray = field(default_factory=lambda: np.empty(0))
-    pivot: np.ndarray = field(default_factory=lambda: np.empty(0))
-    axisymmetric: bool = False
-    pointwise: bool = False
-    waves: bool = False
+    drawing: Drawing = field(default_factory=Drawing)
 
     def under(self, factors: Mapping[str | None, float]) -> Interface:
         """The same interface with these `factors` of its gap and rigid partner, by history."""
+        motion = self.partner.motion
+        moved = motion._replace(displacement=factors[self.partner.history] * motion.displacement)
         return replace(
             self,
-            displacement=factors[self.history] * self.displacement,
+            partner=replace(self.partner, motion=moved),
             scale=factors[self.gap_history],
         )
 
@@ -188,34 +239,61 @@ class Interface:
     def prescribed(self) -> np.ndarray:
         """(size,) contact displacement of the rigid partner (m), with the sign of the second side."""
         # B² u with the second side's signs: its normal is −ν, its tangents −t.
-        return -np.einsum("id,id->i", self.directions, self.carried(self.places)[self.law.node])
+        carried = self.partner.carried(self.places)[self.law.node]
+        return -np.einsum("id,id->i", self.directions, carried)
 
-    def carried(self, places: np.ndarray) -> np.ndarray:
-        """Displacement (k, d) of the rigid partner, or by the offset, at places (k, d) (m); zero for bodies."""
-        offset = self.offset * self.pull if self.offset else 0.0
-        return RigidMotion(self.displacement + offset, self.turn, self.pivot).at(places)
+    @property
+    def xy(self) -> np.ndarray:
+        """(m, d) positions of the contact nodes (m)."""
+        return self.geometry.xy
+
+    @property
+    def area(self) -> np.ndarray:
+        """(m,) nodal lengths, in space areas (m or m²)."""
+        return self.geometry.area
+
+    @property
+    def gap(self) -> np.ndarray:
+        """(m,) initial gap (m), at the factor 1 of its history."""
+        return self.rows.gap
+
+    @property
+    def normal(self) -> np.ndarray:
+        """(m, d) outer normals of the first body."""
+        return self.rows.normal
+
+    @property
+    def tangents(self) -> np.ndarray:
+        """(m, d − 1, d) unit tangents of the first body."""
+        return self.geometry.tangents
+
+    @property
+    def frame(self) -> np.ndarray:
+        """(m, d, d) unit vectors of the first body: outer normal, then tangents."""
+        return np.column_stack([self.normal[:, None], self.tangents])
+
+    @property
+    def lines(self) -> Lines:
+        """The nodes of the rows."""
+        return self.drawing.lines
+
+    @property
+    def axisymmetric(self) -> bool:
+        """Whether nodal lengths are areas of revolution around x = 0."""
+        return self.geometry.axisymmetric
 
     @property
     def places(self) -> np.ndarray:
         """(m, d) where forces act on the first body (m)."""
-        return self.xy if self.at is None else self.at[0]
-
-    @cached_property
-    def outline(self) -> Outline | None:
-        """The outline of the covered part, for files and pictures; None where `draw` is missing."""
-        return self.draw and self.draw()
-
-    def __getstate__(self) -> dict[str, object]:
-        return vars(self) | {"draw": partial(copy, self.outline)}  # without what it is made of
+        return self.geometry.at[0]
 
     @property
     def shares(self) -> np.ndarray:
         """(l,) the fraction of its row's force that acts on each of the `lines`."""
-        return (
-            np.ones(len(self.lines.row))
-            if self.pointwise
-            else self.lines.area / self.area[self.lines.row]
-        )
+        lines = self.lines
+        if self.geometry.pointwise:
+            return np.ones(len(lines.row))
+        return lines.area / self.area[lines.row]
 
     @property
     def opening(self) -> np.ndarray:
@@ -229,7 +307,7 @@ class Interface:
     @property
     def on_rigid(self) -> bool:
         """Whether the partner is rigid."""
-        return len(self.nodes[1]) == 0
+        return len(self.rows.nodes[1]) == 0
 
     @property
     def dimension(self) -> int:
@@ -258,9 +336,8 @@ class Interface:
         """c (size,) of s − c r: the stiffness of half-spaces against waves of the nodes' spacing (N/m)."""
         # Half-spaces resist a wave of displacement with the wave number k by E* k/2 per area; with k = 1/spacing, times
         # the area of a node, this is E*/2 in the plane. Any c > 0 has the same answers; c steers the active sets.
-        width = self.around * (self.area / self.around) ** (
-            1.0 - 1.0 / self.law.components
-        )  # 1 in the plane
+        # The width is 1 in the plane.
+        width = self.around * (self.area / self.around) ** (1.0 - 1.0 / self.law.components)
         return 0.5 * self.modulus * width[self.law.node]
 
     @property
@@ -274,15 +351,10 @@ class Interface:
         return self.law.sliding
 
     @property
-    def normal(self) -> np.ndarray:
-        """(m, d) outer normals of the first body."""
-        return self.frame[:, 0]
-
-    @property
     def directions(self) -> np.ndarray:
         """(size, d) the unit vectors of all unknowns, on the first body; zero where neither body can move."""
         directions = np.concatenate(
-            [self.normal, self.frame[self.sliding, 1:].reshape(-1, self.dimension)]
+            [self.normal, self.tangents[self.sliding].reshape(-1, self.dimension)]
         )
         return directions if self.law.live.all() else directions * self.law.live[:, None]
 

@@ -162,9 +162,8 @@ class Law:
         active = ActiveSet(
             none, closed, np.zeros((mt, self.components)), self.slip_bound(none), np.zeros(mt)
         )
-        free = (~closed | falls)[self.sliding] & (
-            active.bound == 0.0
-        )  # others may carry friction though open
+        # Coulomb friction slips freely where it has no bound: where the contact is open, or falls open.
+        free = (~closed | falls)[self.sliding] & (active.bound == 0.0)
         active.slip[free, 0] = 1.0
         return active
 
@@ -221,9 +220,8 @@ class Law:
         tangential = np.where(
             active.slip.any(axis=1)[:, None], active.slip * g[:, None], shorten(tangential, g)
         )
-        return (
-            np.concatenate([normal, tangential.ravel()]) * self.live
-        )  # steps by a model move the others, too
+        # Steps by a model also move what is not live, which is left out.
+        return np.concatenate([normal, tangential.ravel()]) * self.live
 
     def bound_at(self, s: np.ndarray) -> np.ndarray:
         """The slip bound (mt,) under the forces s (size,), tension taken as no pressure."""

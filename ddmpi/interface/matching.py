@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Lines
+from ddmpi.interface.interface import Interface, Lines, Partner
 from ddmpi.interface.rows import Rows, build, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import links
@@ -21,7 +21,7 @@ from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, cover
 from ddmpi.surface.cut import FACING, Cover, stretch
 from ddmpi.surface.side import Side, unit
-from ddmpi.system.numbers import across, in_words, together
+from ddmpi.system.numbers import RigidMotion, across, in_words, together
 
 LARGEST_OFFSET = 1e-2
 """Largest tangential offset of two paired nodes, as a fraction of the distance to their neighbours in the given meshes:
@@ -154,23 +154,17 @@ def face_rigid(
         normal, lengths = -outward[facing], side.lengths_over(towards)[facing]
         rows = pairs(both, facing, facing, normal, lengths, measured[facing], towards)
     interface = build(rows, contact, moved)
-    # drop the nodes of this side, which belong to no body
-    U, none = np.array(rigid.displacement or np.zeros(side.dimension)), np.empty(0, int)
-    fixed, probes = (
-        replace(places, nodes=(places.nodes[0], none))
-        for places in (interface.fixed, interface.probes)
+    motion = RigidMotion(
+        np.array(rigid.displacement or np.zeros(side.dimension)), pivot=np.array(rigid.pivot or ())
     )
     return replace(
         interface,
-        nodes=(interface.nodes[0], none),
         modulus=side.modulus,
-        fixed=fixed,
-        probes=probes,
+        rows=interface.rows.on_rigid(),
+        fixed=interface.fixed.on_rigid(),
+        probes=interface.probes.on_rigid(),
         slave=None,
-        transfer=(interface.transfer[0], sparse.csr_matrix((interface.m, 0))),
-        history=rigid.history,
-        displacement=U,
-        pivot=np.array(rigid.pivot or ()),
+        partner=Partner(motion, rigid.history),
     )
 
 
@@ -303,9 +297,8 @@ def _unmatched(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarra
         start, end = edges[(match[edges[:, 0]] >= 0) & (match[edges[:, 1]] < 0)].T
         corners = other.corners.ravel()
         order = np.argsort(corners, kind="stable")
-        edge, place = together(
-            match[start], corners[order]
-        )  # an edge, and a facet at its start's partner
+        # Each edge meets the facets at its start's partner.
+        edge, place = together(match[start], corners[order])
         facet = other.xy[other.corners[order[place] // side.dimension]]
         away = side.xy[end] - side.xy[start] + other.xy[match[start]]
         # the neighbour, shifted with its paired node onto the partner, in barycentric coordinates of a facet there

@@ -21,7 +21,7 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Lines, Places
+from ddmpi.interface.interface import Drawing, Geometry, Interface, Lines, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid, faces_rigid, pair
 from ddmpi.interface.rows import (
@@ -165,31 +165,30 @@ def apart(contact: SettledContact, first: Side, second: Side | None = None) -> I
     collective."""
     d, none, modulus = first.dimension, np.empty(0), second.modulus if second else np.inf
     at, square = np.empty((0, d)), sparse.csr_matrix((0, 0))
-    law = law_of(
-        contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool)
-    )
+    facets, nowhere = np.empty((0, d), int), Places(normal=at)
     return Interface(
         name=contact.name,
         bodies=contact.bodies,
-        xy=at,
-        frame=np.empty((0, d, d)),
-        area=none,
-        gap=none,
-        nodes=(np.empty(0, int),) * 2,
-        transfer=(square, square),
-        law=law,
-        laplacian=square,
-        facets=np.empty((0, d), int),
+        geometry=Geometry(
+            xy=at,
+            tangents=np.empty((0, d - 1, d)),
+            area=none,
+            at=(at, at),
+            facets=facets,
+            laplacian=square,
+            axisymmetric=first.axisymmetric,
+        ),
+        rows=nowhere,
+        law=law_of(
+            contact.friction, at, none, none, np.empty(0, int), contact.kind, np.empty(0, bool)
+        ),
         modulus=1.0 / (1.0 / first.modulus + 1.0 / modulus),
-        one_sided=np.empty(0, bool),
-        at=(at, at),
-        displacement=np.zeros(d),
         slave=contact.slave,
-        lines=Lines(np.empty(0, int), at, none, np.empty((0, d), int)),
-        fixed=Places(normal=at),
-        probes=Places(normal=at),
-        draw=lambda: Outline(at, np.empty((0, d), int), square),
-        axisymmetric=first.axisymmetric,
+        fixed=nowhere,
+        probes=nowhere,
+        drawing=Drawing(
+            Lines(np.empty(0, int), at, none, facets), lambda: Outline(at, facets, square)
+        ),
     )
 
 
@@ -336,9 +335,8 @@ def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
     # pressure would be rounding. The same pressure as at the neighbour of the largest D keeps constants exact.
     thin = (full * UNCOVERED > D) | side.bare
     for facet in side.facets[some & thin[side.facets].any(axis=1)]:
-        top = facet[
-            2 if side.bare[facet].any() else np.argmax(D[facet])
-        ]  # D of the other end may be the same
+        # At an axis the row of a middle counts; D of both ends may be the same.
+        top = facet[2 if side.bare[facet].any() else np.argmax(D[facet])]
         for node in facet[thin[facet]]:
             if top != node and (best[node] < 0 or D[top] > D[best[node]]):
                 best[node] = top
@@ -361,14 +359,12 @@ def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
     points = np.einsum("qc,qcd->qd", side.cell.shapes(over.at), side.xy[side.facets[over.facet]])
     faces = (length > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))
     faces[nodes] = True
-    length[nodes] += rows.area - np.bincount(
-        place[faces], length[faces]
-    )  # of nodes that are left out
+    # The remainder of a row is the length of nodes that are left out.
+    length[nodes] += rows.area - np.bincount(place[faces], length[faces])
     some = length > 0.0
     centre = np.where(some[:, None], psi.T @ points / np.where(some, length, 1.0)[:, None], side.xy)
-    centre = np.where(
-        np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre
-    )  # rounding
+    # Centres that are the nodes but for rounding are the nodes.
+    centre = np.where(np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre)
     return Lines(place, side.xy, length, side.pieces(rows.seen), centre).only(faces)
 
 

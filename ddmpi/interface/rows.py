@@ -11,10 +11,9 @@ from msgspec.structs import astuple
 
 from ddmpi.body.loads import values_at
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Interface, Lines, Places
+from ddmpi.interface.interface import Drawing, Geometry, Interface, Lines, Partner, Places
 from ddmpi.interface.law import law_of
-from ddmpi.scene.contacts import NoFriction, SettledContact, Tresca
-from ddmpi.scene.values import Profile
+from ddmpi.scene.contacts import NoFriction, Profile, SettledContact, Tresca
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
 from ddmpi.surface.side import Side, frames, laplacian, unit
@@ -60,7 +59,7 @@ class Rows:
     lines : the nodes of the rows
     covered : the part that faces the other side, up to its outline; None for all facets that are `seen`
     points : places between the nodes, with their gaps, or None
-    pointwise, waves : as of an `Interface`
+    pointwise, waves : as of a `Geometry`
     """
 
     sides: tuple[Side, Side]
@@ -76,7 +75,7 @@ class Rows:
     bound: np.ndarray
     whole: np.ndarray
     interpolation: sparse.csr_matrix
-    lines: Lines = Interface.lines
+    lines: Lines = Drawing.lines
     covered: Outlined | None = None
     points: Places | None = None
     pointwise: bool = False
@@ -195,36 +194,33 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
 
     row, facets, lines = _numbered(rows, left)
     pull = _pull(contact, frame, live, xy)
-    xy, arc, area, places = xy[keep], rows.arc[keep], rows.area[keep], _at_rows(rows, keep, start)
+    xy, arc, area = xy[keep], rows.arc[keep], rows.area[keep]
     return Interface(
         name=contact.name,
         bodies=(sides[0].body, sides[1].body),
-        xy=xy,
-        frame=frame[keep],
-        area=area,
-        gap=places.gap,
-        arc=arc,
-        nodes=places.nodes,
-        transfer=places.transfer,
+        geometry=Geometry(
+            xy=xy,
+            tangents=frame[keep, 1:],
+            area=area,
+            at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
+            facets=facets,
+            laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
+            arc=arc,
+            stands=side.nodes[rows.nodes[keep]],
+            axisymmetric=side.axisymmetric,
+            pointwise=rows.pointwise,
+            waves=rows.waves,
+        ),
+        rows=_at_rows(rows, keep, start),
         law=law_of(contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live)),
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
-        facets=facets,
-        laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
         one_sided=of_rows(clamped.any(axis=0)),
-        displacement=np.zeros(xy.shape[1]),
-        gap_history=contact.opening[1],
         slave=side.body if rows.points else None,
-        lines=lines,
-        stands=side.nodes[rows.nodes[keep]],
-        draw=partial(_outline, rows, keep),
-        at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
-        axisymmetric=side.axisymmetric,
-        pointwise=rows.pointwise,
-        waves=rows.waves,
+        partner=Partner(pull=pull),
         fixed=_at_rows(rows, np.flatnonzero(dropped), start),
-        beyond=int(beyond.sum()),
-        pull=pull,
         probes=_probes(rows, contact, dropped, np.flatnonzero(beyond), start),
+        gap_history=contact.opening[1],
+        drawing=Drawing(lines, partial(_outline, rows, keep)),
     )
 
 
@@ -346,7 +342,7 @@ def _probes(
             along = np.einsum("rij,rj->ri", side.moves_with(transfer), rows.normal)
             moves += np.abs(along).max(axis=1)
         some = np.append(np.flatnonzero(dropped & (moves > SAME)), beyond)
-        return replace(_at_rows(rows, some, start), stays=1.0)
+        return replace(_at_rows(rows, some, start), stays=1.0, beyond=len(beyond))
     points, stays = rows.points, [np.zeros(1)]
     if len(beyond):
         one, other = (
@@ -368,7 +364,8 @@ def _probes(
             move @ is_held(side.normal, side.free)
             for move, side in zip(points.transfer, rows.sides, strict=True)
         ]
-    return replace(points, gap=gap, stays=np.clip(np.min(stays, axis=0), 0.0, 1.0))
+    stays = np.clip(np.min(stays, axis=0), 0.0, 1.0)
+    return replace(points, gap=gap, stays=stays, beyond=len(beyond))
 
 
 def _used(side: Side, transfer: sparse.csr_matrix) -> tuple[np.ndarray, sparse.csr_matrix]:
@@ -506,7 +503,7 @@ def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str
     ):
         if not isinstance(values, Profile) or len(values.points) < 2:
             continue
-        along = values.position(interface.xy, interface.arc)
+        along = values.position(interface.xy, interface.geometry.arc)
         low, high, slack = values.points[0], values.points[-1], SAME * float(np.ptp(along))
         if along.min() < low - slack or along.max() > high + slack:
             warnings.append(

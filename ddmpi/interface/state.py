@@ -158,7 +158,7 @@ class ContactState:
 
     def along(self, components: np.ndarray) -> np.ndarray:
         """(m, d) vectors of tangential components (m, d − 1)."""
-        return np.einsum("mc,mcd->md", components, self.interface.frame[:, 1:])
+        return np.einsum("mc,mcd->md", components, self.interface.tangents)
 
     @property
     def force(self) -> np.ndarray:
@@ -169,11 +169,7 @@ class ContactState:
     def moment(self) -> np.ndarray:
         """Moment on the first body about the origin (N m): in the plane x F_y − y F_x (), in space (3,)."""
         interface = self.interface
-        return moment(
-            interface.xy if interface.at is None else interface.at[0],
-            self.forces,
-            interface.axisymmetric,
-        )
+        return moment(interface.places, self.forces, interface.axisymmetric)
 
     @property
     def moment_imbalance(self) -> tuple[float, float]:
@@ -182,9 +178,10 @@ class ContactState:
         Opposite forces act at points that are apart by the gap and, on curved non-matching sides, by the distance of
         the arcs from their chords.
         """
-        if self.interface.at is None or self.interface.axisymmetric:
+        if self.interface.axisymmetric:
             return 0.0, 0.0
-        arm = self.interface.at[1] - self.interface.at[0]
+        first, second = self.interface.geometry.at
+        arm = second - first
         bound = np.linalg.norm(arm, axis=1) @ np.linalg.norm(self.forces, axis=1)
         return float(np.linalg.norm(moment(arm, self.forces))), float(bound)
 
@@ -223,11 +220,12 @@ class ContactState:
                 self.forces[lines.row].T * interface.shares + 0.0,
                 self.along(self.slip)[lines.row].T + 0.0,
             )
+            # Adding 0.0 makes −0.0 a zero.
             columns |= zip(
                 ("force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z"),
                 (*forces, *slip),
                 strict=True,
-            )  # no −0
+            )
         table = np.empty(len(lines.row), [(name, values.dtype) for name, values in columns.items()])
         for name, values in columns.items():
             table[name] = values
@@ -236,11 +234,8 @@ class ContactState:
     @property
     def totals(self) -> ContactTotals:
         """Resultants and extremes of the contact."""
-        interface, tangential, normal = (
-            self.interface,
-            self.tangential_force,
-            np.abs(self.normal_force),
-        )
+        interface, tangential = self.interface, self.tangential_force
+        partner, normal = interface.partner, np.abs(self.normal_force)
         total = (
             tangential.sum()
             if interface.dimension == 2
@@ -259,9 +254,7 @@ class ContactState:
             interface.m,
             interface.law.name,
             interface.slave,
-            RigidMotion(interface.displacement, interface.turn, interface.pivot)
-            if interface.on_rigid
-            else None,
+            partner.motion if interface.on_rigid else None,
             float(self.pressure.max(initial=-np.inf if interface.m else 0.0)),
             place_of_largest(self.pressure[interface.lines.row], interface.lines.acting),
             float(normal.max(initial=0.0)),
@@ -271,8 +264,8 @@ class ContactState:
             float(np.abs(interface.opening - self.gap).max(initial=0.0)),
             float(interface.area[self.status != "open"].sum()),
             self.moment_imbalance,
-            {"force": float(self.force @ interface.pull), "offset": interface.offset}
-            if len(interface.pull)
+            {"force": float(self.force @ partner.pull), "offset": partner.offset}
+            if len(partner.pull)
             else None,
         )
 
@@ -292,7 +285,7 @@ class ContactState:
 
 def _areas(interface: Interface) -> np.ndarray:
     """(m,) nodal lengths or areas of stresses (m or m²): NaN where bodies meet along edges or at vertices only."""
-    return np.full(interface.m, np.nan) if interface.pointwise else interface.area
+    return np.full(interface.m, np.nan) if interface.geometry.pointwise else interface.area
 
 
 def contact_state(
@@ -427,7 +420,7 @@ def signed(components: np.ndarray) -> np.ndarray:
 def rows_of(state: ContactState) -> dict[str, np.ndarray]:
     """The rows of a contact for the next step: slave nodes; forces along normal and tangents (N); the slip so far (m);
     the forces on the first body (N), and the places where they act on both (m); the sum of slip bounds (N)."""
-    one, other = state.interface.at or np.zeros((2, 0, state.interface.dimension))
+    one, other = state.interface.geometry.at
     law = state.interface.law
     s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
     return forces_by_node(state.interface, s) | {
@@ -443,12 +436,16 @@ def forces_by_node(interface: Interface, s: np.ndarray) -> dict[str, np.ndarray]
     """The forces s (size,) of the rows of a contact, in the form of `rows_of`."""
     tangential = np.zeros((interface.m, interface.dimension - 1))
     tangential[interface.sliding] = s[interface.m :].reshape(-1, interface.dimension - 1)
-    return {"node": interface.stands, "normal": s[: interface.m, None], "tangential": tangential}
+    return {
+        "node": interface.geometry.stands,
+        "normal": s[: interface.m, None],
+        "tangential": tangential,
+    }
 
 
 def values_by_node(interface: Interface, contacts: Rows, what: str) -> np.ndarray:
     """Values (m, ·) of earlier rows at the slave's nodes of the rows of `interface`; zero where there was none."""
-    number, rows = interface.stands, contacts.get(interface.name)
+    number, rows = interface.geometry.stands, contacts.get(interface.name)
     if rows is None or not len(rows["node"]):
         return np.zeros((interface.m, 1 if what == "normal" else interface.dimension - 1))
     whole = np.zeros((max(number.max(initial=0), rows["node"].max()) + 1, rows[what].shape[1]))

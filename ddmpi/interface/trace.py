@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.body.elasticity import Elasticity
-from ddmpi.interface.interface import Interface, Places
+from ddmpi.interface.interface import Drawing, Interface, Places
 from ddmpi.system.numbers import ROUNDING, Frame
 
 
@@ -19,7 +19,7 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
     prescribed displacement gives it.
     """
     d, moves = interface.dimension, rows(interface, side).tocoo()
-    nodes = interface.nodes[side][moves.col]
+    nodes = interface.rows.nodes[side][moves.col]
     clamped = (body.supports.clamps >= 0).any(axis=1)
     place = np.full(len(clamped), -1)
     place[body.nodes] = np.arange(len(body.nodes))
@@ -41,7 +41,7 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
 
 def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
     """B u (size,) in metres, of a displacement (nv, d) of all nodes of the body on `side`. Not collective."""
-    moved = interface.transfer[side] @ u[interface.nodes[side]]
+    moved = interface.rows.moved(side, u)
     return _sign(side) * np.einsum("ij,ij->i", moved[interface.law.node], interface.directions)
 
 
@@ -50,8 +50,8 @@ def sliding_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
     empty (0, d − 1) for other contacts. Not collective."""
     if not interface.law.frictionless:
         return np.empty((0, interface.dimension - 1))
-    moved = interface.transfer[side] @ u[interface.nodes[side]]
-    return _sign(side) * np.einsum("mcd,md->mc", interface.frame[:, 1:], moved)
+    moved = interface.rows.moved(side, u)
+    return _sign(side) * np.einsum("mcd,md->mc", interface.tangents, moved)
 
 
 def nodal_forces(interface: Interface, side: int, s: np.ndarray, nodes: int) -> np.ndarray:
@@ -59,7 +59,7 @@ def nodal_forces(interface: Interface, side: int, s: np.ndarray, nodes: int) -> 
     forces, moves = np.zeros((nodes, interface.dimension)), rows(interface, side)
     np.add.at(
         forces,
-        interface.nodes[side],
+        interface.rows.nodes[side],
         -_sign(side) * (moves.T @ (s[:, None] * interface.directions)),
     )
     return forces
@@ -73,9 +73,11 @@ def normal_trace(side: int, places: Places, u: np.ndarray) -> np.ndarray:
 def seen(interface: Interface, frame: Frame) -> Interface:
     """The interface in the axes of a body's frame: its directions are turned back, places stay where they are."""
     back, fixed, probes = frame.turned, interface.fixed, interface.probes
+    turned = interface.frame @ back
     return replace(
         interface,
-        frame=interface.frame @ back,
+        geometry=replace(interface.geometry, tangents=turned[:, 1:]),
+        rows=replace(interface.rows, normal=turned[:, 0]),
         fixed=replace(fixed, normal=fixed.normal @ back),
         probes=replace(probes, normal=probes.normal @ back),
     )
@@ -83,16 +85,17 @@ def seen(interface: Interface, frame: Frame) -> Interface:
 
 def placed(interface: Interface, frame: Frame) -> Interface:
     """The interface where a frame takes both of its sides."""
-    lines, at = interface.lines, interface.at
+    turned, drawing = seen(interface, frame.undone), interface.drawing
+    lines, (first, second) = drawing.lines, interface.geometry.at
     lines = replace(
         lines, xy=frame.at(lines.xy), at=None if lines.at is None else frame.at(lines.at)
     )
     return replace(
-        seen(interface, frame.undone),
-        xy=frame.at(interface.xy),
-        lines=lines,
-        at=at and (frame.at(at[0]), frame.at(at[1])),
-        draw=lambda: (outline := interface.outline) and replace(outline, xy=frame.at(outline.xy)),
+        turned,
+        geometry=replace(
+            turned.geometry, xy=frame.at(interface.xy), at=(frame.at(first), frame.at(second))
+        ),
+        drawing=Drawing(lines, lambda: replace(drawing.outline, xy=frame.at(drawing.outline.xy))),
     )
 
 
@@ -107,7 +110,7 @@ def components(body: Elasticity, nodes: np.ndarray) -> sparse.csr_matrix:
 
 def rows(interface: Interface, side: int) -> sparse.csr_matrix:
     """The transfer to the nodes of a side, a row for each unknown."""
-    return interface.transfer[side][interface.law.node]
+    return interface.rows.transfer[side][interface.law.node]
 
 
 def _sign(side: int) -> float:

@@ -180,7 +180,7 @@ class MeshLadder:
         """The meshes to solve on now, in words."""
         if self._all_drawn and self.levels:
             n = float(f"{self.levels[0].n * self.refinement**self.scene.dimension:.2g}")
-            return f"meshes of about {n:.0f} unknowns, finest where the error is,"
+            return f"meshes of about {n:.0f} unknowns that are finest where the error is"
         return f"meshes {self.refinement:.0f} times as fine as at first"
 
     @property

@@ -1,4 +1,4 @@
-"""Where stresses of a contact grow without limit as meshes get finer: at sharp corners in contact, at ends of bonds.
+"""Where stresses grow without limit as meshes get finer: at sharp corners in contact, at ends of bonds and of clamps.
 
 Stresses at a point where two elastic wedges meet go as r^(λ − 1). Which λ is below one follows from the angles of both
 bodies and Dundurs' α of their moduli; the rules here are simple bounds of these:
@@ -11,6 +11,9 @@ bodies and Dundurs' α of their moduli; the rules here are simple bounds of thes
   moduli, 0.5 where it is rigid, and 1 where the other one is. It is told above `SOFT`.
 * Boundaries that curve apart, or turn by less than `SHARPEST` from facet to facet, as rounded corners do, have none.
 * On a rigid partner, corners up to `BLUNT` have none without friction.
+* Where a free facet meets one that cannot move at an angle α, λ is below one if sin² α > 1 − ν, in plane stress
+  1/(1 + ν), and at more than a right angle (Williams); it is told above that by `PINNED`. A facet that is held along its
+  normal alone is a plane of symmetry: the corner is that of 2 α.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,6 +26,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import Solid
 from ddmpi.mesh.boundary import SHARPEST, Creases, creases
+from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
 from ddmpi.scene.contacts import SettledContact
@@ -36,6 +40,7 @@ BOGY = (
 SOFT = -0.8  # Dundurs' α of a body with a corner, from which its pressure is told of: a ninth of the other's modulus
 FLUSH = 0.05  # distance of ends along the contact, over that of nodes, up to which they are one on these meshes
 BLUNT = np.deg2rad(100.0)  # angle of a body from which its corner on a rigid partner is told of
+PINNED = 0.05  # sin² α − (1 − ν), from which the corner of a clamp is told of: λ is below 0.93 at a right angle
 
 
 class Ends(NamedTuple):
@@ -82,11 +87,9 @@ def ends_of(body: Body, contacts: Sequence[tuple[SettledContact, int]]) -> dict[
 
     Where the facet beside is clamped or on another contact, as at a plane of symmetry, nothing is known of the stress.
     """
-    mesh, material = body.mesh, body.material
+    mesh = body.mesh
     facets, bends = boundary_of(mesh)
-    isotropic = isinstance(material, Material) and not isinstance(material.poisson, tuple)
-    poisson = float(material.poisson) if isotropic else np.nan  # type: ignore[union-attr, arg-type]
-    clamped = [mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.groups]
+    clamped = clamps_of(body)
     groups = {contact.name: mesh.facets(contact.on[side]).nodes for contact, side in contacts}
     found = {}
     for contact, _ in contacts:
@@ -106,9 +109,64 @@ def ends_of(body: Body, contacts: Sequence[tuple[SettledContact, int]]) -> dict[
             mesh.points[nodes[:, [0, -1]]],
             angles[chosen],
             interface_modulus(body),
-            poisson,
+            poisson_of(body),
         )
     return found
+
+
+def clamps_of(body: Body) -> list[np.ndarray]:
+    """The groups of facets that clamps of a body name."""
+    groups = body.mesh.groups
+    return [groups[clamp.on] for clamp in body.spec.clamps if clamp.on in groups]
+
+
+def poisson_of(body: Body) -> float:
+    """Poisson's ratio of a body; nan of several or directed materials."""
+    material = body.material
+    isotropic = isinstance(material, Material) and not isinstance(material.poisson, tuple)
+    return float(material.poisson) if isotropic else np.nan  # type: ignore[union-attr, arg-type]
+
+
+def pinned_angle(poisson: float, stress: bool) -> float:
+    """The angle (rad) between a clamped and a free facet above which the stress is told to be infinite, with Poisson's
+    ratio in plane strain or plane `stress`."""
+    # λ = 1 in Williams' sin² λα = (κ + 1)²/(4 κ) − λ² sin² α / κ is sin² α = (κ + 1)/4, with κ = 3 − 4 ν in plane
+    # strain, (3 − ν)/(1 + ν) in plane stress
+    if np.isnan(poisson):
+        return np.pi - SHARPEST
+    square = 1.0 / (1.0 + poisson) if stress else 1.0 - poisson
+    return float(np.arcsin(np.sqrt(min(square + PINNED, 1.0))))
+
+
+def ends_of_clamps(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray:
+    """(c,) bool, at which creases between straight facets (f, d) a clamp ends so that stresses are infinite. A facet is
+    clamped if it belongs to a clamp's group: clamps of the faces around a free one may constrain all its nodes. Not
+    collective."""
+    clamps = clamps_of(body)
+    if not clamps:
+        return np.zeros(len(bends.turn), bool)
+    mesh, material = body.mesh, body.material
+    stress = isinstance(material, Material) and material.plane == "stress"
+    clamped = within(mesh, facets, clamps)[bends.facets]
+    held = np.where(clamped[:, 0], *bends.facets.T)
+    free = body.member.elasticity.supports.free[facets[held]]
+    fixed = np.abs(free).max(axis=(1, 2, 3), initial=0.0) <= SAME
+    normal = normals(mesh.points[facets[held]])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    along = np.einsum("ckij,cj->cki", free, normal)
+    mirror = np.abs(along).max(axis=(1, 2), initial=0.0) <= SAME
+
+    least = np.full(len(held), np.pi - SHARPEST)
+    least[mirror] = 0.5 * (np.pi + SHARPEST)
+    least[fixed] = pinned_angle(poisson_of(body), stress)
+
+    # What a contact does at a corner is not known.
+    touching = np.zeros(len(mesh.points), bool)
+    for interface in body.member.interfaces:
+        touching[interface.rows.nodes[interface.side(body.spec.name)]] = True
+    met = touching[facets[bends.facets]].all(axis=2).any(axis=1)
+    least[met] = np.pi - SHARPEST
+    return (clamped.sum(axis=1) == 1) & (np.pi - bends.turn > least + SAME)
 
 
 def interface_modulus(body: Body) -> float:
@@ -126,8 +184,9 @@ def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]
     both : `Ends` of its two bodies; None for a rigid partner
     """
     bonded, ends = interface.law.name == "bonded", [one for one in both if one is not None]
-    rows = interface.lines.row[bears[interface.lines.row]]
-    acting, reach = interface.lines.acting[bears[interface.lines.row]], reaches(interface)[rows]
+    bearing = bears[interface.lines.row]
+    rows, acting = interface.lines.row[bearing], interface.lines.acting[bearing]
+    reach = reaches(interface)[rows]
     at = []
     sides = np.concatenate([one.sides[np.isfinite(one.angles)] for one in ends])
     for side in np.unique(sides, axis=0):

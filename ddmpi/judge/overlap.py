@@ -18,6 +18,7 @@ from ddmpi.mesh.elements import cell_with, normals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid
 from ddmpi.surface.near import distance_to, in_cells, most_inside
+from ddmpi.surface.seams import Skin
 from ddmpi.system.agreement import gathered
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import ALIKE, SAME, Frame, RigidMotion, in_words
@@ -79,21 +80,9 @@ class Solid:
 
     @cached_property
     def sagitta(self) -> np.ndarray:
-        """(f,) by how much the true boundary may lie inside of a facet (m), as it does where it is hollow.
-
-        At a corner of a facet the boundary is turned by the angle to the mean normal of the facets there. On a circle
-        the angle times half a chord is twice the sagitta.
-        """
-        ends = self.at[self.facets[:, :-1]]
-        normal = normals(ends)
-        normal /= np.linalg.norm(normal, axis=1)[:, None]
-        mean = np.zeros_like(self.at)
-        np.add.at(mean, self.facets[:, :-1], normal[:, None])
-        mean = mean[self.facets[:, :-1]]
-        mean /= np.maximum(np.linalg.norm(mean, axis=2), np.finfo(float).tiny)[:, :, None]
-        curved = np.einsum("fkd,fd->fk", mean, normal) > np.cos(0.5)  # (rad); corners turn by more
-        inward = np.einsum("fkd,fkd->fk", mean - normal[:, None], ends.mean(axis=1)[:, None] - ends)
-        return np.where(curved, inward, 0.0).max(axis=1, initial=0.0)
+        """(f,) by how much the true boundary may lie inside of a facet (m), as it does where it is hollow, and once more
+        as much for what is not known of its curvature."""
+        return 2.0 * Skin(self.at, self.facets[:, :-1]).hollow
 
     def placed(self, fraction: float) -> np.ndarray:
         """Its nodes (n, d) after a `fraction` of their displacements (m)."""
@@ -142,16 +131,11 @@ def doubt_overlaps(
     `contacts` are all on the first rank, which finds the pairs of bodies whose boxes overlap. Where the two are on two
     ranks, that of the second sends the cells near the first. Collective.
     """
-    world, names, unit = (
-        assembly.world,
-        [body.name for body in assembly.scene.body],
-        assembly.scene.units["length"],
-    )
+    world = assembly.world
     solids = {
         body.number: Solid.of(body.mesh, displacements[body.spec.name]) for body in assembly.bodies
     }
     interfaces = {body.number: body.member.interfaces for body in assembly.bodies}
-    warnings = dict[tuple[bool, int, int], str]()
     boxes = gathered(world, {number: (world.rank, solid.box()) for number, solid in solids.items()})
     pairs = list(_meeting(boxes)) if world.rank == 0 else []
     near = world.scatter(
@@ -163,40 +147,57 @@ def doubt_overlaps(
         for (a, b), ranks, box in near
         if b in solids and a not in solids
     ]
+    warnings = dict[tuple[bool, int, int], str]()
     for number, solid in solids.items():
-        if (own := penetrates_itself(solid)).depth:
-            warnings[False, number, number] = Doubt(
-                f"body.{names[number]} penetrates itself by {own.depth:.3g} {unit}, as at "
-                f"{in_words(own.place, 4)}, where no contact keeps its sides apart; if they may touch, split it into "
-                "two bodies, bonded where they are connected",
-                "itself",
-                own.depth,
-                f"body.{names[number]}",
-            )
+        warnings |= _doubt_itself(assembly, number, solid)
     for (a, b), ranks, _ in near:
         if a in solids:
-            pair, sides = (
-                (names[a], names[b]),
-                (solids[a], solids[b] if b in solids else world.recv(None, ranks[1], b)),
-            )
-            kept = [
-                np.isin(solid.numbers, _kept(interfaces[a], *ends))
-                for solid, ends in zip(sides, (pair, pair[::-1]), strict=True)
-            ]
-            overlap, drawn = penetration(*sides, kept, _between(*pair, depths))
-            if overlap.depth:
-                touch = any(set(contact.bodies) == set(pair) for contact in assembly.scene.contact)
-                as_drawn = f" ({drawn:.3g} {unit} as drawn)" * (drawn > 0.0)
-                warnings[False, a, b] = Doubt(
-                    f"body.{pair[0]} and body.{pair[1]} penetrate each other by {overlap.depth:.3g} {unit}{as_drawn}, "
-                    f"as at {in_words(overlap.place, 4)}, where no contact keeps them apart; {WIDEN if touch else ADD}",
-                    "penetrate",
-                    overlap.depth,
-                    f"body.{pair[0]}-{pair[1]}",
-                )
+            second = solids[b] if b in solids else world.recv(None, ranks[1], b)
+            warnings |= _doubt_pair(assembly, (a, b), (solids[a], second), interfaces[a], depths)
     MPI.Request.waitall(sending)
     warnings |= _doubt_rigid(assembly, contacts, solids)
     return [warning for _, warning in sorted(gathered(world, warnings).items())]
+
+
+def _doubt_itself(assembly: Assembly, number: int, body: Solid) -> dict[tuple[bool, int, int], str]:
+    """The warning, if any, of a body that penetrates itself, by (False, body, body). Not collective."""
+    name, unit = assembly.scene.body[number].name, assembly.scene.units["length"]
+    own = penetrates_itself(body)
+    if not own.depth:
+        return {}
+    words = (
+        f"body.{name} penetrates itself by {own.depth:.3g} {unit}, as at {in_words(own.place, 4)}, where no contact "
+        "keeps its sides apart; if they may touch, split it into two bodies, bonded where they are connected"
+    )
+    return {(False, number, number): Doubt(words, "itself", own.depth, f"body.{name}")}
+
+
+def _doubt_pair(
+    assembly: Assembly,
+    numbers: tuple[int, int],
+    solids: tuple[Solid, Solid],
+    interfaces: Sequence[Interface],
+    depths: Mapping[str, Mapping[str, float]],
+) -> dict[tuple[bool, int, int], str]:
+    """The warning, if any, of two bodies that penetrate each other, by (False, first, second). `interfaces` are those of
+    the first body, `depths` as of `_depths`. Not collective."""
+    scene, unit = assembly.scene, assembly.scene.units["length"]
+    pair = scene.body[numbers[0]].name, scene.body[numbers[1]].name
+    kept = [
+        np.isin(solid.numbers, _kept(interfaces, *ends))
+        for solid, ends in zip(solids, (pair, pair[::-1]), strict=True)
+    ]
+    overlap, drawn = penetration(*solids, kept, _between(*pair, depths))
+    if not overlap.depth:
+        return {}
+    touch = any(set(contact.bodies) == set(pair) for contact in scene.contact)
+    as_drawn = f" ({drawn:.3g} {unit} as drawn)" * (drawn > 0.0)
+    words = (
+        f"body.{pair[0]} and body.{pair[1]} penetrate each other by {overlap.depth:.3g} {unit}{as_drawn}, as at "
+        f"{in_words(overlap.place, 4)}, where no contact keeps them apart; {WIDEN if touch else ADD}"
+    )
+    subject = f"body.{pair[0]}-{pair[1]}"
+    return {(False, *numbers): Doubt(words, "penetrate", overlap.depth, subject)}
 
 
 def _meeting(
@@ -238,7 +239,7 @@ def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
                 nodes[interface.side(body)]
                 for interface in interfaces
                 if set(interface.bodies) == {body, other}
-                for nodes in (interface.nodes, interface.fixed.nodes)
+                for nodes in (interface.rows.nodes, interface.fixed.nodes)
             ),
         ]
     )

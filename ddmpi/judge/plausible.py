@@ -1,6 +1,6 @@
 """Warnings about a scene and its certified answer; `LIMIT` has the limits of all of them."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sparse
@@ -10,7 +10,7 @@ from scipy.sparse import csgraph
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import ContactState, ContactTotals
-from ddmpi.judge.edges import Singular, boundary_of, within
+from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps
 from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import REGULAR, cell_with, invert
@@ -47,6 +47,9 @@ LIMIT = {
 }
 """Limits of all warnings about a scene and its answer, with the functions that warn; but those of `motions` for free
 motions of loose bodies, and those of `overlap`."""
+
+
+ROUNDED = ("uncertain", "undecided")  # the kinds of doubts of forces that rounding decides
 
 
 def edge_lengths(mesh: Mesh) -> np.ndarray:
@@ -123,61 +126,103 @@ def doubt_answer(
     passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
         way may have next to no forces
     """
-    world, units = assembly.world, assembly.scene.units
-    if not world.allreduce(
-        all(bool(np.isfinite(u).all()) for u in displacements.values()), MPI.LAND
-    ):
+    world, here = assembly.world, assembly.in_world()
+    finite = all(bool(np.isfinite(u).all()) for u in displacements.values())
+    if not world.allreduce(finite, MPI.LAND):
         return []
-    by_body, moved = {}, dict[tuple[str, int], tuple[np.ndarray, float]]()
-    for body in assembly.bodies:
-        name, u = body.spec.name, displacements[body.spec.name]
-        warnings = [
-            *_large_motion(body, u, units, not assembly.scene.output.only),
-            *(() if passing else _points_that_carry(body, u, contacts, units)),
-        ]
-        by_body[name] = warnings, body.member.elasticity.load
-        for interface in body.member.interfaces:
-            side = interface.side(name)
-            moved[interface.name, side] = (
-                interface.transfer[side] @ u[interface.nodes[side]],
-                float(np.linalg.norm(u, axis=1).max()),
-            )
-    by_body = gathered(world, by_body)
+    by_body = gathered(world, _of_bodies(assembly, displacements, contacts, passing))
     loads = {name: load for name, (_, load) in by_body.items()}
-    pressed = max((contact.normal_max for contact in contacts.values()), default=0.0)
-    pressed, most = world.bcast((pressed, max(loads.values())))
-    both, by_contact, here = assembly.exchange.swap_objects(moved), {}, assembly.in_world()
-    for interface in assembly.space.interfaces:
-        state, ((first, largest), second) = states[interface.name], both[interface.name]
-        carried = state.interface.carried(state.interface.places)
-        other, largest_of_other = (second[0] + carried, second[1]) if second else (carried, 0.0)
-        largest = max(largest, largest_of_other)
-        slid = [] if assembly.far else _far_slip(assembly, state, first - other)
-        warnings = [
-            *slid,
-            *_overlap_between(here, state, largest),
-            *_left(assembly, state),
-            *_held_through_air(state, LIMIT["idle"] * most, units["length"]),
-        ]
+    by_contact = gathered(world, _of_contacts(assembly, displacements, states, contacts, passing))
+    overlaps = []
+    if not assembly.scene.output.only:
+        overlaps = doubt_overlaps(here, assembly.along(displacements), contacts)
+    if world.rank:
+        return []
+    told = [warning for name in contacts for warning in by_contact.get(name, ())]
+    rounded = subjects(told, *ROUNDED)
+    certain = {name: one for name, one in contacts.items() if f"contact.{name}" not in rounded}
+    return [
+        *(warning for body in assembly.scene.body for warning in by_body[body.name][0]),
+        *told,
+        *([] if passing else _unresolved(assembly, certain, loads)),
+        *overlaps,
+    ]
+
+
+def subjects(doubts: Iterable[str], *kinds: str) -> set[str]:
+    """What the doubts of these kinds, or of any, are about, such as "contact.pin-lug"."""
+    told = (doubt for doubt in doubts if isinstance(doubt, Doubt))
+    return {of for doubt in told if not kinds or doubt.kind in kinds for of in doubt.of}
+
+
+def _of_bodies(
+    assembly: Assembly,
+    displacements: Mapping[str, np.ndarray],
+    contacts: Mapping[str, ContactTotals],
+    passing: bool,
+) -> dict[str, tuple[list[str], float]]:
+    """The warnings of this rank's bodies by name, and the sums of the sizes of their loads (N). Not collective."""
+    units, strains = assembly.scene.units, not assembly.scene.output.only
+    found = {}
+    for body in assembly.bodies:
+        u = displacements[body.spec.name]
+        warnings = [*_large_motion(body, u, units, strains)]
+        if not passing:
+            warnings += _points_that_carry(body, u, contacts, units)
+        found[body.spec.name] = warnings, body.member.elasticity.load
+    return found
+
+
+def _of_contacts(
+    assembly: Assembly,
+    displacements: Mapping[str, np.ndarray],
+    states: Mapping[str, ContactState],
+    contacts: Mapping[str, ContactTotals],
+    passing: bool,
+) -> dict[str, list[str]]:
+    """The warnings of the contacts that this rank owns, by name. Collective."""
+    world, here = assembly.world, assembly.in_world()
+    most = world.allreduce(
+        max((body.member.elasticity.load for body in assembly.bodies), default=0.0), MPI.MAX
+    )
+    pressed = world.bcast(max((contact.normal_max for contact in contacts.values()), default=0.0))
+    found = {}
+    for name, (slid, largest) in _moved(assembly, displacements, states).items():
+        state = states[name]
+        warnings = [] if assembly.far else [*_far_slip(assembly, state, slid)]
+        warnings += _overlap_between(here, state, largest)
+        warnings += _left(assembly, state)
+        warnings += _held_through_air(state, LIMIT["idle"] * most, assembly.scene.units["length"])
         # What contacts that carry next to nothing say of their forces is noise.
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= LIMIT["idle"] * pressed:
             warnings += _of_forces(assembly, state, largest)
         if warnings:
-            by_contact[interface.name] = warnings
-    by_contact = gathered(world, by_contact)
-    overlaps = (
-        []
-        if assembly.scene.output.only
-        else doubt_overlaps(here, assembly.along(displacements), contacts)
-    )
-    if world.rank:
-        return []
-    return [
-        *(warning for body in assembly.scene.body for warning in by_body[body.name][0]),
-        *(warning for name in contacts for warning in by_contact.get(name, ())),
-        *([] if passing else _unresolved(assembly, contacts, loads)),
-        *overlaps,
-    ]
+            found[name] = warnings
+    return found
+
+
+def _moved(
+    assembly: Assembly,
+    displacements: Mapping[str, np.ndarray],
+    states: Mapping[str, ContactState],
+) -> dict[str, tuple[np.ndarray, float]]:
+    """By contact of this rank how far the rows (m, d) of the first side have moved past the second (m), and the largest
+    displacement of both bodies (m). Collective."""
+    mine = dict[tuple[str, int], tuple[np.ndarray, float]]()
+    for body in assembly.bodies:
+        u = displacements[body.spec.name]
+        largest = float(np.linalg.norm(u, axis=1).max())
+        for interface in body.member.interfaces:
+            side = interface.side(body.spec.name)
+            mine[interface.name, side] = interface.rows.moved(side, u), largest
+    both, found = assembly.exchange.swap_objects(mine), {}
+    for interface in assembly.space.interfaces:
+        first, second = both[interface.name]
+        met = states[interface.name].interface
+        carried = met.partner.carried(met.places)
+        other, largest = second or (0.0, 0.0)
+        found[interface.name] = first[0] - other - carried, max(first[1], largest)
+    return found
 
 
 def _left(assembly: Assembly, state: ContactState) -> Iterator[str]:
@@ -237,9 +282,9 @@ def _unresolved(
         acting = max(loads.get(name, 0.0), acting)
         if 0.0 < acting < LIMIT["light"] * most:
             yield Doubt(
-                f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are negligible beside the loads of "
-                f"{most:.3g} {unit} of another body, so that the answer does not show whether anything supports "
-                "it; solve it without the other body",
+                f"body.{name}: the forces on it, {acting:.3g} {unit} in all, are negligible beside those on another "
+                f"body, {most:.3g} {unit}, so that the answer does not show whether anything supports it; solve it "
+                "without the other body",
                 "light",
                 -acting,
             )
@@ -255,7 +300,7 @@ def _points_that_carry(
     }
     if not points:
         return
-    supported = [interface.nodes[interface.side(name)] for interface in body.member.interfaces]
+    supported = [interface.rows.nodes[interface.side(name)] for interface in body.member.interfaces]
     supported += [
         np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups
     ]
@@ -359,18 +404,9 @@ def _singular(
     body: Body, stress: np.ndarray, unit: str, edges: Sequence[Singular] = ()
 ) -> list[str]:
     """A warning where the largest of the stresses (nt,) of a body is at a re-entrant corner (in space an edge), at one
-    of the `edges` of its contacts, or where a clamp ends, but not where it ends at an outer corner, a much weaker
-    singularity. A facet is clamped if it belongs to a clamp's group: clamps of the faces around a free one may
-    constrain all nodes of its facets.
-    """
+    of the `edges` of its contacts, or where a clamp ends."""
     mesh = body.mesh
     points, (facets, bends) = mesh.points, boundary_of(mesh)
-    clamped = within(
-        mesh,
-        facets,
-        [mesh.groups[clamp.on] for clamp in body.spec.clamps if clamp.on in mesh.groups],
-    )
-    ends = (clamped[bends.facets].sum(axis=1) == 1) & (bends.turn < SHARPEST)
     largest = stress >= (1.0 - SAME) * stress.max()
     if largest.all():  # a constant stress grows nowhere
         return []
@@ -382,7 +418,7 @@ def _singular(
         (points[np.intersect1d(bends.nodes[chosen], top)], what, cure)
         for chosen, what, cure in (
             (bends.turn < -SHARPEST, f"a re-entrant {corner}", drawn + beside),
-            (ends, "the end of a clamp", beside),
+            (ends_of_clamps(body, facets, bends), "the end of a clamp", beside),
         )
     ]
     for known in edges:
@@ -477,7 +513,7 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
     other = ""
     if interface.slave:
         slave = interface.side(interface.slave)
-        if len(interface.nodes[1 - slave]) > len(interface.nodes[slave]):
+        if len(interface.rows.nodes[1 - slave]) > len(interface.rows.nodes[slave]):
             other = f" or write slave = {interface.bodies[1 - slave]!r}"
     yield Doubt(
         f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
@@ -492,12 +528,12 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     """A warning where a contact zone between boundaries that curve apart has too few nodes to resolve its pressure.
 
     Not at corners and ends of a boundary, where no mesh resolves it, nor between flat boundaries: there, few closed
-    nodes are what is left of a contact that opens.
+    nodes are what is left of a contact that opens. Of all of these, where a single node has the largest pressure.
     """
     interface, number = state.interface, len(state.status)
     if interface.law.two_sided or number < 3:
         return
-    pairs = np.column_stack(sparse.triu(interface.laplacian, 1).nonzero())
+    pairs = np.column_stack(sparse.triu(interface.geometry.laplacian, 1).nonzero())
     d, closed = interface.dimension, state.status != "open"
     both = closed[pairs].all(axis=1)
     links = sparse.csr_matrix((np.ones(both.sum()), pairs[both].T), (number, number))
@@ -511,7 +547,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
     twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis
     enclosed = (twice * curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
-    facets = interface.facets[:, :d]
+    facets = interface.geometry.facets[:, :d]
     bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
     sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
     sharp = sharp[~axis[sharp]]
@@ -520,7 +556,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
         np.bincount(zone, closed, number) * twice,
         np.bincount(zone, state.normal_force, number),
     )
-    least = (2 * cell_with(interface.facets.shape[1], d - 1).order + 1) ** (
+    least = (2 * cell_with(interface.geometry.facets.shape[1], d - 1).order + 1) ** (
         d - 1
     )  # nodes; fewer say little of it
     poor = (
@@ -533,6 +569,17 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
             f"too few nodes to resolve it, {size[k]:.0f}: the total force is right, the largest pressure and the "
             "approach of the bodies are not; refine the mesh there",
             "zone",
+            float(force[k]),
+        )
+        return
+    largest = int(np.argmax(np.nan_to_num(state.pressure)))
+    k = zone[largest]
+    if force[k] > LIMIT["zone"] * force.sum() and (zone == k).sum() == 1:
+        yield Doubt(
+            f"contact.{interface.name}: at {in_words(interface.xy[largest], 4)} it is closed at a single node, so that "
+            "the largest pressure is the force over the size of an element, and grows as the mesh is refined; take "
+            "the force",
+            "alone",
             float(force[k]),
         )
 
@@ -574,7 +621,7 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> Ite
         if rigid is None
         else (np.full_like(spacing, rigid.bend), LIMIT["turn"])
     )
-    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.frame[:, 1:], moved), axis=1)
+    along = np.linalg.norm(np.einsum("mcd,md->mc", interface.tangents, moved), axis=1)
     slid = np.where(closed, along, 0.0) / far
     k = int(np.argmax(slid))
     if slid[k] > limit:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from itertools import combinations
 from typing import NamedTuple
@@ -97,15 +97,13 @@ def links(facets: np.ndarray, dimension: int) -> np.ndarray:
 def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarray]:
     """The nodes (k,) of a boundary group, ascending, and its outer unit normals (k, d) there.
 
-    Those of the facets between neighbouring nodes, weighted such that they are exact where the nodes lie on a circle or
-    a sphere (Max, J. Graphics Tools 4, 1999). Raises InputError, naming `key`, at a corner inside the group.
+    Those of the facets between neighbouring nodes, weighted as in `corner_normals`. Raises InputError, naming `key`,
+    at a corner inside the group.
     """
     d = mesh.dimension
     with naming(key):
         corners = mesh.facets(name).nodes[:, mesh.cell.facet.parts].reshape(-1, d)
-    points = mesh.points[corners]
-    outward = normals(points)
-    bends = creases(mesh.points, corners, outward)
+    bends = creases(mesh.points, corners, normals(mesh.points[corners]))
     sharp = np.flatnonzero(np.abs(bends.turn) > SHARPEST)
     if len(sharp):
         at = in_words(mesh.points[bends.nodes[sharp[0]]].mean(axis=0))
@@ -113,11 +111,20 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
             f"{key}: {name!r} has a corner at {at}, where it has no normal; make groups of what meets "
             "there, and clamp each along its normal"
         )
-    squares = ((points[:, :, None] - points[:, None]) ** 2).sum(axis=3) + np.eye(d)
-    normal = np.zeros_like(mesh.points)
-    np.add.at(normal, corners, outward[:, None] / squares.prod(axis=2)[:, :, None])
-    nodes = np.unique(corners)
-    return nodes, normal[nodes] / np.linalg.norm(normal[nodes], axis=1)[:, None]
+    normal, nodes = corner_normals(mesh.points, corners), np.unique(corners)
+    return nodes, normal[nodes]
+
+
+def corner_normals(points: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Unit normals (n, d) at the `points` (n, d) of facets (f, d); where these turn against each other, of any length.
+
+    Exact where the points lie on a circle or a sphere (Max, J. Graphics Tools 4, 1999)."""
+    ends = points[facets]
+    squares = ((ends[:, :, None] - ends[:, None]) ** 2).sum(axis=3) + np.eye(facets.shape[1])
+    normal = np.zeros_like(points)
+    np.add.at(normal, facets, normals(ends)[:, None] / squares.prod(axis=2)[:, :, None])
+    length = np.linalg.norm(normal, axis=1)
+    return normal / np.maximum(length, np.finfo(float).tiny)[:, None]
 
 
 class Creases(NamedTuple):
@@ -230,22 +237,27 @@ def face_bend(gmsh, tag: int) -> tuple[float, float]:
 def keep_part(gmsh, part: str | int, label: str) -> None:
     """Remove all bodies but one from the drawing: a number, a physical group, or a label of a CAD program or of one of
     its assemblies. What is left keeps its numbers. Raises InputError unless exactly one body is meant."""
-    d = gmsh.model.getDimension()
-    names = {
-        tag: gmsh.model.getEntityName(d, tag).split("/")[::-1]
-        for _, tag in gmsh.model.getEntities(d)
-    }
+    d, model = gmsh.model.getDimension(), gmsh.model
     groups = [
-        (
-            k,
-            gmsh.model.getEntitiesForPhysicalGroup(k, group),
-            group,
-            gmsh.model.getPhysicalName(k, group),
-        )
-        for k, group in gmsh.model.getPhysicalGroups()
+        (k, model.getEntitiesForPhysicalGroup(k, group), group, model.getPhysicalName(k, group))
+        for k, group in model.getPhysicalGroups()
     ]
-    for tag, name in ((tag, name) for k, tags, _, name in groups for tag in tags if k == d):
-        names[tag].insert(0, name)
+    names = {tag: model.getEntityName(d, tag).split("/")[::-1] for _, tag in model.getEntities(d)}
+    for k, tags, _, name in groups:
+        for tag in tags if k == d else ():
+            names[tag].insert(0, name)
+    kept = _meant(gmsh, part, names, label)
+    model.removeEntities([(d, tag) for tag in names if tag != kept], recursive=True)
+    left = set(model.getEntities())
+    model.removePhysicalGroups()
+    for k, tags, group, name in groups:  # gmsh forgets some of them with what was removed
+        model.removePhysicalName(name)
+        if tags := [tag for tag in tags if (k, tag) in left]:
+            model.addPhysicalGroup(k, tags, group, name)
+
+
+def _meant(gmsh, part: str | int, names: dict[int, list[str]], label: str) -> int:
+    """The body that `part` means, by the words that name each, the most telling one first. Raises InputError."""
     # a label is as "Shapes/assembly/1/bolt": its last word says most, and then a number in quotation marks
     deep = [
         [tag for tag, words in names.items() if words[k : k + 1] == [part]]
@@ -253,23 +265,19 @@ def keep_part(gmsh, part: str | int, label: str) -> None:
     ]
     deep.insert(1, [tag for tag in names if str(tag) == part])
     meant = [part] if part in names else next(filter(None, deep), [])
-    if len(meant) != 1:
-        listed = "; ".join(
-            f"{tag} {words[0]!r} {where(gmsh, d, tag)}"
-            for tag, words in names.items()
-            if tag in meant or not meant
-        )
+    if len(meant) == 1:
+        return int(meant[0])
+    d = gmsh.model.getDimension()
+    listed = "; ".join(
+        f"{tag} {names[tag][0]!r} {where(gmsh, d, tag)}"
+        for tag in names
+        if tag in meant or not meant
+    )
+    if meant:
         raise InputError(
-            f"{label} has {f'{len(meant)} parts' if meant else 'no part'} {part!r}"
-            + (f"; take one by its number: {listed}" if meant else f"; it has {listed}")
+            f"{label} has {len(meant)} parts {part!r}; take one by its number: {listed}"
         )
-    gmsh.model.removeEntities([(d, tag) for tag in names if tag != meant[0]], recursive=True)
-    left = set(gmsh.model.getEntities())
-    gmsh.model.removePhysicalGroups()
-    for k, tags, group, name in groups:  # gmsh forgets some of them with what was removed
-        gmsh.model.removePhysicalName(name)
-        if tags := [tag for tag in tags if (k, tag) in left]:
-            gmsh.model.addPhysicalGroup(k, tags, group, name)
+    raise InputError(f"{label} has no part {part!r}; it has {listed}")
 
 
 def name_sides(gmsh, script: bool, asked: Collection[str], label: str) -> dict[str, Face]:
@@ -277,38 +285,55 @@ def name_sides(gmsh, script: bool, asked: Collection[str], label: str) -> dict[s
     body in a file that is no `script`, and in one without groups of which numbers are `asked`; else of those asked for
     that are no groups yet. So are curves of solids and points, as in "curve 5" and "point 3", if they are asked for.
     What the drawing says of the numbered ones. Raises InputError for others."""
-    side, kinds = gmsh.model.getDimension() - 1, ("point", "curve", "face")
+    side = gmsh.model.getDimension() - 1
     there = {gmsh.model.getPhysicalName(k, tag): k for k, tag in gmsh.model.getPhysicalGroups()}
     wanted = [part for on in asked for part in parts_of(on, there) if part not in there]
     numbers = [part for part in wanted if re.fullmatch(r"((point|curve) )?\d+", part)]
     every = not script or (bool(numbers) and numbers == wanted and side not in there.values())
+    tagged = _called(gmsh, side, script, there)
+    _refuse_missing(gmsh, numbers if script else wanted, tagged, side, label)
+    faces = {}
+    for (name, k), tags in tagged.items():
+        if (every and k == side) or name in wanted:
+            gmsh.model.addPhysicalGroup(k, tags, name=name)
+            if k == side and name == str(tags[0]):
+                faces[name] = _face(gmsh, k, tags[0])
+    return faces
+
+
+def _called(
+    gmsh, side: int, script: bool, taken: Collection[str]
+) -> dict[tuple[str, int], list[int]]:
+    """The numbers of points, curves and faces up to the dimension `side`, by name and dimension: their own numbers and,
+    but for a `script`, the last parts of their labels; names that are `taken` are left out."""
     tagged = dict[tuple[str, int], list[int]]()
     for k, tag in gmsh.model.getEntities():
+        if k > side:
+            continue
         number = str(tag) if k == side else f"{PHYSICAL[k].split()[1]} {tag}"
         spoken = "" if script else gmsh.model.getEntityName(k, tag).split("/")[-1]
-        for name in {number, spoken} - {"", *there} if k <= side else ():
-            tagged.setdefault((name, k), []).append(tag)
-    for missing in (
-        part
-        for part in (numbers if script else wanted)
-        if not any((part, k) in tagged for k in range(3))
-    ):
-        of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
-        listed = "; ".join(
-            f"{name} {where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of
-        )
-        raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {listed}")
-    chosen = {
-        key: tags for key, tags in tagged.items() if (every and key[1] == side) or key[0] in wanted
-    }
-    for (name, k), tags in chosen.items():
-        gmsh.model.addPhysicalGroup(k, tags, name=name)
-    return {
-        name: _face(gmsh, *key)
-        for (name, k), (tag, *_) in chosen.items()
-        for key in [(k, tag)]
-        if k == side and name == str(tag)
-    }
+        for name in dict.fromkeys((number, spoken)):
+            if name and name not in taken:
+                tagged.setdefault((name, k), []).append(tag)
+    return tagged
+
+
+def _refuse_missing(
+    gmsh,
+    wanted: Collection[str],
+    tagged: dict[tuple[str, int], list[int]],
+    side: int,
+    label: str,
+) -> None:
+    """Raise InputError where a name that is `wanted` is none of those of `_called`."""
+    kinds, names = ("point", "curve", "face"), {name for name, _ in tagged}
+    for missing in wanted:
+        if missing not in names:
+            of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
+            listed = "; ".join(
+                f"{name} {where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of
+            )
+            raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {listed}")
 
 
 def _face(gmsh, k: int, tag: int) -> Face:
@@ -349,44 +374,56 @@ def file_groups(
     for dimension in range(d - 1, 0, -1):
         parts, _, element = simplices(raw, dimension, raw.points)
         if part:
-            of_cells = cells[:, list(combinations(range(d + 1), dimension + 1))].reshape(
-                -1, dimension + 1
-            )
-            number = np.unique(
-                np.sort(np.concatenate([of_cells, parts]), axis=1), axis=0, return_inverse=True
-            )[1]
-            own = np.isin(number.ravel()[len(of_cells) :], number.ravel()[: len(of_cells)])
+            own = _sides_of(cells, parts)
             parts, element = parts[own], element[own]
-        named = {
-            name: parts[np.isin(element, members)]
-            for name, members in file_members(raw, dimension).items()
-        }
-        kinds.append({name: facets[distinct(facets)[0]] for name, facets in named.items()})
-    alone: dict[str, np.ndarray] = {}
-    if raw.point_sets and not raw.field_data:
-        facets = boundary_facets(cells)[0]
-        sides = [facets, facets[:, CELLS[d - 1, 1].edges].reshape(-1, 2)][: len(kinds)]
-        sides = [np.unique(np.sort(pieces, axis=1), axis=0) for pieces in sides]
-        for name, nodes in raw.point_sets.items():
-            inside = [pieces[np.isin(pieces, nodes).all(axis=1)] for pieces in sides]
-            if name not in raw.cell_sets:
-                alone[name] = np.asarray(nodes, int)
-                for kind, parts in zip(kinds, inside, strict=True):
-                    if len(parts):
-                        kind[name] = parts
-                        break
+        groups = {}
+        for name, members in file_members(raw, dimension).items():
+            facets = parts[np.isin(element, members)]
+            groups[name] = facets[distinct(facets)[0]]
+        kinds.append(groups)
+    alone = {} if raw.field_data else _add_sets(raw, cells, kinds)
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
     alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
     if not any((*kinds, alone)):
         raise _without_groups(label, d)
     if part:  # groups of other parts are not of this one
         kinds = [{name: own for name, own in kind.items() if len(own)} for kind in kinds]
+        named = set().union(*kinds)
         alone = {
-            name: own
-            for name, own in alone.items()
-            if np.isin(own, cells).any() or any(name in kind for kind in kinds)
+            name: own for name, own in alone.items() if name in named or np.isin(own, cells).any()
         }
     return kinds[0], {} if d == 2 else kinds[1], alone
+
+
+def _sides_of(cells: np.ndarray, parts: np.ndarray) -> np.ndarray:
+    """(k,) bool, which lines or facets (k, l) are sides or edges of `cells` (nt, d + 1)."""
+    size = parts.shape[1]
+    of_cells = cells[:, list(combinations(range(cells.shape[1]), size))].reshape(-1, size)
+    both = np.sort(np.concatenate([of_cells, parts]), axis=1)
+    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    return np.isin(number[len(of_cells) :], number[: len(of_cells)])
+
+
+def _add_sets(
+    raw, cells: np.ndarray, kinds: Sequence[dict[str, np.ndarray]]
+) -> dict[str, np.ndarray]:
+    """The sets of nodes of a file by name; to the facets, and lines, of groups those of each set that has some."""
+    if not raw.point_sets:
+        return {}
+    facets = boundary_facets(cells)[0]
+    sides = [facets, facets[:, CELLS[cells.shape[1] - 2, 1].edges].reshape(-1, 2)]
+    sides = [np.unique(np.sort(pieces, axis=1), axis=0) for pieces in sides[: len(kinds)]]
+    alone: dict[str, np.ndarray] = {}
+    for name, nodes in raw.point_sets.items():
+        if name in raw.cell_sets:
+            continue
+        alone[name] = np.asarray(nodes, int)
+        inside = [pieces[np.isin(pieces, nodes).all(axis=1)] for pieces in sides]
+        for kind, parts in zip(kinds, inside, strict=True):
+            if len(parts):
+                kind[name] = parts
+                break
+    return alone
 
 
 def _without_groups(label: str, d: int) -> InputError:

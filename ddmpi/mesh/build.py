@@ -61,36 +61,8 @@ def build_mesh(
 
     Not collective. Raises InputError.
     """
-    spec = body.mesh
-    key = f"body.{body.name}.mesh"
-    if spec.drawn:
-        from ddmpi.mesh.geometry import mesh_geometry
-
-        mesh = mesh_geometry(
-            locate_mesh(body, folder) if spec.geometry else None, body, contacts, sizes
-        )
-    elif spec.shape:
-        assert spec.divisions
-        _refuse_huge(
-            float(factorial(len(spec.divisions)) * np.prod(spec.divisions, dtype=float)),
-            NAMES[len(spec.divisions)][1],
-            f"{key}.divisions",
-        )
-        mesh = SHAPES[spec.shape](spec)
-        if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
-            raise InputError(
-                f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
-                "sizes, place and units do not fit together"
-            )
-    else:
-        from ddmpi.mesh.read import read_mesh
-
-        mesh = read_mesh(
-            locate_mesh(body, folder),
-            body.name,
-            spec.order or 1,
-            part=None if spec.part is None else str(spec.part),
-        )
+    spec, key = body.mesh, f"body.{body.name}.mesh"
+    mesh = _made(body, folder, contacts, sizes)
     if dimension not in (None, mesh.dimension):
         raise InputError(
             f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}"
@@ -101,20 +73,42 @@ def build_mesh(
     mesh = raise_order(mesh, key, spec.order or 1)
     refuse_folded(mesh, key)
     material_numbers(mesh, body)
-    for name, on in [
-        *(("mesh", on) for on in contacts),
-        *((name, acting.on) for name, acting in body.acting),
-    ]:
+    acting = [(name, each.on) for name, each in body.acting]
+    for name, on in [*(("mesh", on) for on in contacts), *acting]:
         with naming(f"body.{body.name}.{name}"):
             mesh = combined(mesh, on, name == "clamp")
     if axisymmetric:
-        mesh = _turned(
-            mesh, key, [*contacts, *(acting.on for name, acting in body.acting if name != "clamp")]
-        )
-    for name, acting in body.acting:
+        mesh = _turned(mesh, key, [*contacts, *(on for name, on in acting if name != "clamp")])
+    for name, on in acting:
         with naming(f"body.{body.name}.{name}"):
             # a clamp holds nodes, of points and curves as well; all else acts on facets
-            mesh.nodes_of(acting.on) if name == "clamp" else mesh.facets(acting.on)
+            mesh.nodes_of(on) if name == "clamp" else mesh.facets(on)
+    return mesh
+
+
+def _made(body: BodySpec, folder: Path, contacts: Collection[str], sizes: Sizes | None) -> Mesh:
+    """The mesh as it is generated, read or drawn. Raises InputError."""
+    spec, key = body.mesh, f"body.{body.name}.mesh"
+    if spec.drawn:
+        from ddmpi.mesh.geometry import mesh_geometry
+
+        path = locate_mesh(body, folder) if spec.geometry else None
+        return mesh_geometry(path, body, contacts, sizes)
+    if not spec.shape:
+        from ddmpi.mesh.read import read_mesh
+
+        part = None if spec.part is None else str(spec.part)
+        return read_mesh(locate_mesh(body, folder), body.name, spec.order or 1, part=part)
+    assert spec.divisions
+    d = len(spec.divisions)
+    cells = float(factorial(d) * np.prod(spec.divisions, dtype=float))
+    _refuse_huge(cells, NAMES[d][1], f"{key}.divisions")
+    mesh = SHAPES[spec.shape](spec)
+    if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
+        raise InputError(
+            f"{key}: its {mesh.cell.names} have no {MEASURE[mesh.dimension]} in double precision; "
+            "sizes, place and units do not fit together"
+        )
     return mesh
 
 

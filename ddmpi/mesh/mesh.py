@@ -13,6 +13,8 @@ from math import factorial
 from typing import NamedTuple
 
 import numpy as np
+import scipy.sparse as sparse
+from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError, nearest
 from ddmpi.mesh.elements import FACETS, RULES, Cell, Mapped, cell_with, cross
@@ -37,11 +39,13 @@ class Facets(NamedTuple):
         counter-clockwise from outside
     cells : (k,) the cell of each
     starts : (k,) the node that each began with before it was turned
+    numbers : (k,) of each in the boundary of the mesh
     """
 
     nodes: np.ndarray
     cells: np.ndarray
     starts: np.ndarray
+    numbers: np.ndarray
 
 
 class Face(NamedTuple):
@@ -129,9 +133,25 @@ class Mesh:
         return cells[self.cell.bends(self.points[self.triangles[cells]]).any(axis=(1, 2))]
 
     @cached_property
+    def _sides(self) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+        alone, beside = _facets(self.triangles, self.dimension)
+        return alone, connected(beside, len(self.triangles))
+
+    @property
     def boundary(self) -> tuple[np.ndarray, np.ndarray]:
         """`boundary_facets` of all cells."""
-        return boundary_facets(self.triangles, self.dimension)
+        return self._sides[0]
+
+    @property
+    def parts(self) -> np.ndarray:
+        """(nt,) the number of the part that each cell is of: those of a part are connected by common facets."""
+        return self._sides[1]
+
+    @cached_property
+    def pieces(self) -> int:
+        """How many pieces have no node in common."""
+        links = self.corners[:, [[k, k + 1] for k in range(self.dimension)]].reshape(-1, 2)
+        return len(np.unique(connected(links, len(self.points))[self.corners]))
 
     @cached_property
     def _resolved(self) -> dict[str, Facets]:
@@ -232,13 +252,27 @@ def boundary_facets(
     cells: np.ndarray, dimension: int | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """The facets (f, l) that belong to only one of the cells (nt, k), turned outward, and their cells (f,)."""
+    return _facets(cells, dimension)[0]
+
+
+def _facets(
+    cells: np.ndarray, dimension: int | None
+) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    """What `boundary_facets` gives, and the pairs (i, 2) of cells that have a facet in common."""
     cell = cell_with(cells.shape[1], dimension)
     facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])
     corners = np.sort(facets[:, : cell.dimension], axis=1).T
     order = np.lexsort(corners)
     new = (np.diff(corners[:, order], prepend=-1, append=-1) != 0).any(axis=0)
-    alone = np.sort(order[new[:-1] & new[1:]])
-    return facets[alone], alone // len(cell.facets)
+    alone, beside = np.sort(order[new[:-1] & new[1:]]), np.flatnonzero(~new[1:-1])
+    pairs = np.stack([order[beside], order[beside + 1]], axis=1) // len(cell.facets)
+    return (facets[alone], alone // len(cell.facets)), pairs
+
+
+def connected(links: np.ndarray, count: int) -> np.ndarray:
+    """(count,) the number of the component that each node of a graph with these `links` (k, 2) is of."""
+    graph = sparse.coo_matrix((np.ones(len(links), np.int8), links.T), (count, count))
+    return csgraph.connected_components(graph, directed=False)[1]
 
 
 def turn_outward(mesh: Mesh, facets: np.ndarray) -> Facets:
@@ -249,7 +283,7 @@ def turn_outward(mesh: Mesh, facets: np.ndarray) -> Facets:
         mesh.boundary,
     )
     marked[facets] = True
-    near = marked[outer].all(axis=1)
+    near = np.flatnonzero(marked[outer].all(axis=1))
     outer, owners = outer[near], owners[near]
     # a facet is found on the boundary by the set of its corners, whatever their order
     _, number = np.unique(
@@ -263,7 +297,7 @@ def turn_outward(mesh: Mesh, facets: np.ndarray) -> Facets:
         raise InputError(
             f"the group has {mesh.cell.facet.names} that are not on the body's boundary, as at {inner}"
         )
-    return Facets(outer[at], owners[at], facets[:, 0])
+    return Facets(outer[at], owners[at], facets[:, 0], near[at])
 
 
 def signed_measures(points: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -61,64 +61,76 @@ def read_mesh(
     raw = _load(path, label, part)
     d, _ = _kind(raw)
     kind = CELLS[d, order]
-    other = sorted(
-        {c.type for c in raw.cells} - {kind for kinds in KINDS.values() for kind in kinds}
-    )
-    if other and part is None:
-        raise InputError(
-            f"{label} has elements of type {', '.join(other)}; only triangles, quadrilaterals, "
-            "tetrahedra, hexahedra, prisms, pyramids and lines of first or second order are supported"
-        )
+    _refuse_other(raw, part, label)
     some = None if part is None else _members(raw, d, part, label)
     _refuse_nodes(raw, list(of_elements(raw, d, some)), d, label)
     cells, bends, element = simplices(raw, d, raw.points[:, :d], not kind.linear)
     if some is not None:
         own = np.isin(element, some)
         cells, bends, element = cells[own], bends[own], element[own]
-    first, place = distinct(cells)
-    cells, bends = cells[first], bends[first]
-    simple = sum(
-        len(raw.cells_dict.get(kind, ())) for kind in KINDS[d] if kind.startswith(SIMPLICES[d])
-    )
-    cut = len(
-        np.unique(element[first][element[first] >= simple])
-    )  # the simplices of KINDS are counted first
     if len(cells) == 0:
         raise InputError(
             f"{label} has neither triangles nor tetrahedra; gmsh saves only elements in physical groups: "
             'Physical Surface("body") = {1}; or Physical Volume("body") = {1};'
         )
+    first, place = distinct(cells)
+    cells, bends = cells[first], bends[first]
     groups, curves, vertices = file_groups(raw, label, cells, part is not None)
     surfaces = {
         name: np.unique(place[np.isin(element, members)])
         for name, members in file_members(raw, d).items()
     }
-
     used, renumbered = np.unique(cells, return_inverse=True)
     number = np.full(len(raw.points), -1)
     number[used] = np.arange(len(used))
     points, cells = np.asarray(raw.points[used, :d], float), renumbered.reshape(-1, d + 1)
     groups = {name: number[facets] for name, facets in groups.items()}
-    curves = {
-        name: number[lines][(number[lines] >= 0).all(axis=1)] for name, lines in curves.items()
-    }
+    curves = {name: number[lines] for name, lines in curves.items()}
+    curves = {name: lines[(lines >= 0).all(axis=1)] for name, lines in curves.items()}
     if any((facets < 0).any() for facets in groups.values()):
         raise InputError(f"{label} has boundary {kind.facet.names} that belong to no {kind.name}")
-    measure = signed_measures(points, cells)
-    flat = np.abs(measure) <= FLAT ** (d / 2) * np.abs(measure).max()
-    if flat.any():
-        raise InputError(
-            f"{label} has {kind.names} without {MEASURE[d]}, {int(flat.sum())} of them, as at "
-            f"{in_words(points[cells[flat.argmax()]].mean(axis=0), 4)}"
-        )
-    turned, swap = measure < 0, [*range(d - 1), d, d - 1]
+    turned = _inverted(points, cells, label)
+    swap = [*range(d - 1), d, d - 1]
     cells[turned] = cells[turned][:, swap]
-    mesh = Mesh(points, cells, groups, surfaces=surfaces, cut=cut, curves=curves)
+    mesh = Mesh(
+        points, cells, groups, surfaces=surfaces, cut=_cut(raw, d, element[first]), curves=curves
+    )
     refuse_overlaps(mesh, label)
     ends = [sorted(swap[k] for k in corners) for corners in kind.between]
     bends[turned] = bends[turned][:, [ends.index(sorted(corners)) for corners in kind.between]]
     mesh = bend(raise_order(mesh, f"body.{body}.mesh", order), bends)
     return replace(mesh, vertices=set_nodes(raw, mesh, number, vertices))
+
+
+def _refuse_other(raw, part: str | None, label: str) -> None:
+    """Raise InputError where a file, of which no `part` is taken, has elements of other types."""
+    known = {kind for kinds in KINDS.values() for kind in kinds}
+    other = sorted({block.type for block in raw.cells} - known)
+    if other and part is None:
+        raise InputError(
+            f"{label} has elements of type {', '.join(other)}; only triangles, quadrilaterals, "
+            "tetrahedra, hexahedra, prisms, pyramids and lines of first or second order are supported"
+        )
+
+
+def _cut(raw, d: int, element: np.ndarray) -> int:
+    """How many of the elements (k,), counted through all KINDS, are cut into simplices, which are counted first."""
+    simple = [kind for kind in KINDS[d] if kind.startswith(SIMPLICES[d])]
+    count = sum(len(raw.cells_dict.get(kind, ())) for kind in simple)
+    return len(np.unique(element[element >= count]))
+
+
+def _inverted(points: np.ndarray, cells: np.ndarray, label: str) -> np.ndarray:
+    """(nt,) bool, which cells are inverted. Raises InputError for those without area or volume."""
+    d = points.shape[1]
+    measure = signed_measures(points, cells)
+    flat = np.abs(measure) <= FLAT ** (d / 2) * np.abs(measure).max()
+    if flat.any():
+        raise InputError(
+            f"{label} has {CELLS[d, 1].names} without {MEASURE[d]}, {int(flat.sum())} of them, as at "
+            f"{in_words(points[cells[flat.argmax()]].mean(axis=0), 4)}"
+        )
+    return measure < 0
 
 
 def _refuse_nodes(raw, nodes: list[np.ndarray], d: int, label: str) -> None:

@@ -109,7 +109,7 @@ class _Block:
         self._even = np.ones((interface.size, 1))
         if not interface.m:  # of bodies that have left each other
             return
-        if interface.waves:
+        if interface.geometry.waves:
             softness = np.sqrt(interface.stiffness * local)[:, None]
             softness /= np.median(softness[softness > SAME * softness.max()])
             # at planes of symmetry there are rows along which no body moves
@@ -120,7 +120,9 @@ class _Block:
         )
         lowest = (LONGEST[interface.law.components] / interface.length) ** 2
         over = sparse.diags(1.0 / self._root[:, 0])
-        A = (over @ interface.laplacian @ over + lowest * sparse.identity(interface.m)).tocsr()
+        A = (
+            over @ interface.geometry.laplacian @ over + lowest * sparse.identity(interface.m)
+        ).tocsr()
         # Hale, Higham, Trefethen 2008, method 3: A^½ = (2/π) ∫ A (A + t²)⁻¹ dt over t > 0 with t = √lowest sn/cn(u), by
         # the midpoint rule in u up to the complete elliptic integral K of m = 1 − lowest/highest. Twice the largest
         # diagonal entry stands for the highest eigenvalue

@@ -242,7 +242,7 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     if rigid:
         legend.append(Line2D([], [], color=COLOURS["rigid"], linewidth=1.4, label="rigid"))
     above(sheet.axes, legend)
-    sheet.title(results.heading() + mechanism["reason"].replace("$", r"\$"))
+    sheet.title(results.heading() + mechanism["reason"])
     return sheet.figure
 
 

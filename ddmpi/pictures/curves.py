@@ -6,6 +6,7 @@ from typing import Any
 import matplotlib.pyplot as plt
 import msgspec
 import numpy as np
+from matplotlib.ticker import LogFormatter
 
 from ddmpi.interface.law import law_of
 from ddmpi.pictures.sheet import BESIDE, COLOURS, RESOLVED, ZONES, above, zone_legend
@@ -112,7 +113,7 @@ def draw_convergence(results: Results) -> Any:
     starts = 1 + np.flatnonzero(np.diff(history["step"]))
     x, what = method_of(summary["outer"]).curves
     curves = {
-        "update": ("normal", "o", f"update  ‖{x}$_k$ − {x}$_{{k-1}}$‖ / ‖{x}$_k$‖"),
+        "update": ("normal", "o", f"update  ‖{x}ₖ − {x}ₖ₋₁‖ / ‖{x}ₖ‖"),
         "residual": ("tangential", "s", f"residual: {what}"),
     }
     for column, (colour, marker, label) in curves.items():
@@ -138,9 +139,10 @@ def draw_convergence(results: Results) -> Any:
         lambda value, _: f"{value:.0e}".replace("e-0", "e-").replace("e+00", "")
     )
     axes.set(xlabel="outer iteration k", ylabel="relative change (–)")
+    axes.yaxis.set_minor_formatter(LogFormatter())
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
     axes.set_title(
-        f"{results.heading()}{summary['outer_iterations']} outer iterations, n$_A$ = {summary['n_A']}, "
+        f"{results.heading()}{summary['outer_iterations']} outer iterations, n_A = {summary['n_A']}, "
         f"{summary['reason']}",
         wrap=True,
     )

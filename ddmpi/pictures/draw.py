@@ -15,15 +15,14 @@ from ddmpi.pictures.bodies import animate, draw_bodies, draw_error, draw_mechani
 from ddmpi.pictures.sheet import STYLE, start_drawing
 from ddmpi.results.histories import at_step, placed
 from ddmpi.results.tables import Results, read_results, reading
-from ddmpi.scene.method import Output
 from ddmpi.scene.mistakes import explain
+from ddmpi.scene.output import Output
 from ddmpi.system.files import MECHANISM, contact_files, writing
 from ddmpi.system.provenance import identity
 
 EACH = 6  # largest number of contacts with separate pictures; more contacts share one
-Pictures = Iterator[
-    tuple[str, Callable[[], Any]]
-]  # file names of pictures and the functions that draw their figures
+Pictures = Iterator[tuple[str, Callable[[], Any]]]
+"""File names of pictures and the functions that draw their figures."""
 
 
 def draw_all(

@@ -64,16 +64,14 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     for k, (contact, table) in enumerate(zip(contacts, tables, strict=True)):
         touching = table["status"] != "open"
         distances[k] = _initially(table)[touching if touching.any() else slice(None)].mean(axis=0)
-        bodies = [
-            names.index(name) for name in contact["bodies"] if name in names
-        ]  # a rigid partner is none
+        # A rigid partner is no body and does not shift.
+        bodies = [names.index(name) for name in contact["bodies"] if name in names]
         apart[k, bodies] = (-1.0, 1.0)[: len(bodies)]
     shifts = np.zeros((len(names), results.dimension))
     if distances.any():
         # least squares: shifts of two bodies differ by the gaps of their contacts, weighted by their displacements
-        shifts = mobile[:, None] * (
-            np.linalg.pinv(apart * mobile) @ distances
-        )  # mostly of the body that moves most
+        # By the weights, the body that moves most shifts most.
+        shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)
     extent, size = np.ptp(points, axis=0).max(), max(moved.max(), largest, np.abs(shifts).max())
     limits = [
         limit
@@ -148,9 +146,8 @@ def rigid_parts(
         at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
         at = frame.at(at) if frame else at
         if results.axisymmetric:
-            right = np.flatnonzero(
-                at[:, 0] >= 0.0
-            )  # one line, that begins after the gap on the left of the axis
+            # One line, which begins after the gap on the left of the axis.
+            right = np.flatnonzero(at[:, 0] >= 0.0)
             at = np.roll(
                 at[right], -1 - np.argmax(np.diff(right, append=right[-1] + 2) > 1), axis=0
             )
@@ -193,9 +190,8 @@ def apart(results: Results, view: View) -> dict[str, np.ndarray]:
         mean, least, axes = directions(vectors(table, "n"), table["area"])
         weight = 1.0
         if np.linalg.norm(mean) > FACING:
-            hull = ConvexHull(
-                (points - points[0]) @ frames(unit(mean[None]))[0, 1:].T
-            )  # in the plane: an area
+            # The hull of a flat contact is in a plane, and its volume an area.
+            hull = ConvexHull((points - points[0]) @ frames(unit(mean[None]))[0, 1:].T)
             aim[:] = -OPENED * np.sqrt(hull.volume) * unit(mean)
         elif least[0] <= STRAIGHT and least[1] > STRAIGHT:
             aim[:] = (

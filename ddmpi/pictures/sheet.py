@@ -24,6 +24,7 @@ STYLE = {
     "figure.constrained_layout.use": True,
     "savefig.dpi": 160,
     "axes.axisbelow": True,
+    "text.parse_math": False,  # names of bodies may look like formulas
 }
 
 COLOURS = {
@@ -40,12 +41,14 @@ FILLED = {
     "still": "#f4f5f7",
     "moved": "#f6dfd4",
     "patch": "#cdd2d8",
-}  # fill colours of bodies and rigid partners
+}
+"""Fill colours of bodies and rigid partners."""
 ZONES = {
     "open": "#b4bac2",
     "slip": "#e8954a",
     "stick": "#5fa35f",
-}  # colours of nodes by their status
+}
+"""Colours of nodes by their status."""
 
 RESOLVED = 1e-6
 """Gaps and slips below this fraction of the largest displacement are drawn as zero, and so are resultants below this
@@ -54,7 +57,8 @@ fraction of the sum of the nodes' forces, as of a shaft in its hub."""
 BESIDE: dict[str, Any] = {
     "loc": "upper left",
     "bbox_to_anchor": (1.0, 1.0),
-}  # legends to the right of the axes
+}
+"""Legends to the right of the axes."""
 NAMED = 40  # largest number of bodies with names in pictures
 PIXELS = 1100  # pixels of the longer side of a picture of surfaces
 WIDE = 1.4  # pictures wider than this times their height have the colour bar below

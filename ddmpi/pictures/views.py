@@ -12,7 +12,7 @@ from ddmpi.mesh.boundary import SHARPEST
 from ddmpi.mesh.elements import cell_with
 from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.results.fields import linear_triangles
-from ddmpi.scene.method import VIEWS
+from ddmpi.scene.output import VIEWS
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import ALIKE, spans
 

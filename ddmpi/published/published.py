@@ -250,18 +250,16 @@ class PublishedIteration(Outer):
         neglected = NEGLECTED * self._precision * self._tolerance * norm(self.lam)
 
         with exchange.deferred():
-            body.solve(
-                self.lam, self._bound, precision, self.algorithm, self._split, neglected
-            )  # Steps 1 and 2
+            # Steps 1 and 2.
+            body.solve(self.lam, self._bound, precision, self.algorithm, self._split, neglected)
         self.s1, self.s2 = self._swap(body.s, "forces")
         w = np.zeros_like(self.lam)
         with exchange.deferred():
             w = body.neumann(self.s1 - self.s2, PASSING * self._precision)  # Steps 3 and 4
         w1, w2 = self._swap(np.append(w, body.member.C.count.total()), "neumann")
         update = self.advance(w1[:-1], w2[:-1])
-        self.lam = (
-            self.lam + update
-        )  # Step 5; not in place, as a checkpoint may refer to the former λ
+        # Step 5. It is not in place, as a checkpoint may refer to the former λ.
+        self.lam = self.lam + update
 
         self._step_size = norm(update)
         mismatch = _ratio(norm(self.s1 - self.s2), norm(self.s2))

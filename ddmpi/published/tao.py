@@ -178,9 +178,8 @@ class QPSolver:
             with self._solved(problem, self.type, asked) as tao:
                 iterations += tao.getIterationNumber()
                 reason = tao.getConvergedReason()
-                s[moving] = problem.unscaled(
-                    tao.getSolution().array_r, ROUNDING
-                )  # moved onto near bounds
+                # What is near a bound is moved onto it.
+                s[moving] = problem.unscaled(tao.getSolution().array_r, ROUNDING)
             Cs = multiply(s, problem.displacement)
             if qp.residual(s, Cs) <= tolerance or (
                 reason < 0 and reason != TaoReason.DIVERGED_LS_FAILURE

@@ -28,7 +28,7 @@ from ddmpi.errors import InputError, InterruptionError, OutputError, TakenError
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.results.tables import reading
 from ddmpi.scene.keys import differences
-from ddmpi.scene.method import Checkpoint
+from ddmpi.scene.output import Checkpoint
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed
 from ddmpi.system.clock import Clock

@@ -156,33 +156,52 @@ def write_fields(
     }
     arrays, places, spans = {}, {}, dict[int | str, np.ndarray]()
     for group, entries in everything.items():
-        number = np.array(
-            [(len(entry["points"]), len(entry["cells"])) for entry in entries.values()]
-        ).reshape(-1, 2)
-        mine = number.sum(axis=0, dtype=int)
-        ends, total = np.empty_like(mine), np.empty_like(mine)
-        MPI.Intracomm(world).Scan(mine, ends)
-        world.Allreduce(mine, total)
-        first = ends - number[::-1].cumsum(axis=0)[::-1]
+        first, number, total = _spans(entries, world)
         spans |= zip(entries, np.stack([first, number], axis=1), strict=True)
-        for name in next(iter(entries.values()), ()):
+        for name, data in _by_name(entries, first[:, 0]).items():
             if step is None or name in AT_STEPS or (group and tables):
                 kind = 0 if name in AT_NODES else 1
-                arrays[group + name] = [entry[name] for entry in entries.values()]
+                arrays[group + name] = data
                 places[group + name] = int(first[0, kind]), int(total[kind])
-        if f"{group}cells" in arrays:
-            arrays[f"{group}cells"] = [
-                entry["cells"] + start
-                for entry, start in zip(entries.values(), first[:, 0], strict=True)
-            ]
-    for name, table in (tables or {}).items():
-        for key, data in {**table, "span": spans[name]}.items():
-            arrays[f"contacts/{name}/{key}"], places[f"contacts/{name}/{key}"] = (
-                [data],
-                (0, len(data)),
-            )
+    for name, table in _of_tables(tables or {}, spans).items():
+        arrays[name], places[name] = [table], (0, len(table))
     write_rows(path / "result.h5", arrays, places, world, None if step is None else group_of(step))
     return gathered(world, spans)
+
+
+def _by_name(entries: Mapping[Any, Datasets], first: np.ndarray) -> dict[str, list[np.ndarray]]:
+    """The datasets of all entries by name; cells by the numbers of nodes among all, in which those of an entry begin
+    at `first` (k,)."""
+    names = next(iter(entries.values()), ())
+    data = {name: [entry[name] for entry in entries.values()] for name in names}
+    if "cells" in data:
+        data["cells"] = [cells + start for cells, start in zip(data["cells"], first, strict=True)]
+    return data
+
+
+def _of_tables(
+    tables: Mapping[str, Datasets], spans: Mapping[int | str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """The datasets of the tables of contacts, with their spans."""
+    return {
+        f"contacts/{name}/{key}": data
+        for name, table in tables.items()
+        for key, data in {**table, "span": spans[name]}.items()
+    }
+
+
+def _spans(
+    entries: Mapping[Any, Datasets], world: MPI.Comm
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The first node and cell (k, 2) of this rank's entries among those of all ranks, their numbers (k, 2) of nodes and
+    cells, and these of all ranks (2,). Collective."""
+    sizes = [(len(entry["points"]), len(entry["cells"])) for entry in entries.values()]
+    number = np.array(sizes).reshape(-1, 2)
+    mine = number.sum(axis=0, dtype=int)
+    ends, total = np.empty_like(mine), np.empty_like(mine)
+    MPI.Intracomm(world).Scan(mine, ends)
+    world.Allreduce(mine, total)
+    return ends - number[::-1].cumsum(axis=0)[::-1], number, total
 
 
 def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
@@ -214,8 +233,7 @@ def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dic
     axis of the whole circumference. `values` are `leg_values`, by default the present ones. Not collective.
     """
     interface = state.interface
-    outline = interface.outline
-    assert outline is not None
+    outline = interface.drawing.outline
     forces = _forces_of(state, values)
     values = leg_values(state) if values is None else values
     most = np.zeros(len(outline.xy), int)  # a status is that of the row with the largest share
@@ -248,7 +266,7 @@ def _forces_of(state: ContactState, values: np.ndarray | None) -> np.ndarray:
     normal, along = (values[:, k] * interface.area for k in range(2))
     if len(values.T) > len(AT_CONTACT):
         return np.column_stack([normal, values[:, len(AT_CONTACT) : len(AT_CONTACT) + 3]])
-    force = -normal[:, None] * interface.normal - along[:, None] * interface.frame[:, 1]
+    force = -normal[:, None] * interface.normal - along[:, None] * interface.tangents[:, 0]
     return np.column_stack([normal, force])
 
 
@@ -279,15 +297,11 @@ def shared_out(outline: Outline, forces: np.ndarray) -> np.ndarray:
 def table_fields(state: ContactState, far: bool = False) -> dict[str, np.ndarray]:
     """What result.h5 adds to the table of a contact, by its lines: its `drawn_facets` and initial gaps (m); where
     bodies move `far` also its normals, which differ from step to step."""
-    interface = state.interface
-    normals = (
-        dict(zip(("nx", "ny", "nz"), interface.normal[interface.lines.row].T, strict=False))
-        if far
-        else {}
-    )
-    return normals | {
-        "facets": drawn_facets(interface.lines, interface.axisymmetric),
-        "initial_gap": interface.gap[interface.lines.row],
+    interface, lines = state.interface, state.interface.lines
+    normals = interface.normal[lines.row].T if far else ()
+    return dict(zip(("nx", "ny", "nz"), normals, strict=False)) | {
+        "facets": drawn_facets(lines, interface.axisymmetric),
+        "initial_gap": interface.gap[lines.row],
     }
 
 

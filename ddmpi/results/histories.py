@@ -132,58 +132,83 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
     """
     import h5py
 
-    complete = results.energy and all(
-        "gap" in legs for legs in results.legs.values()
-    )  # no run of version 0.6 is
+    # no run of version 0.6 has complete tables
+    complete = results.energy and all("gap" in legs for legs in results.legs.values())
     times = np.array(step_times(folder) if complete else [])
     if asked is None:
         if len(times) == 0 or not results.summary["converged"]:
             return results
-        # Σ |factor| / max |factor| over all histories, at the times of the steps
-        loads = np.zeros(len(times))
-        for history in results.summary["scene"].get("history", {}).values():
-            loads += np.abs(
-                np.interp(drawn_times(results.summary, times), history["times"], history["factors"])
-            ) / (np.abs(history["factors"]).max() or 1.0)
-        asked = times[loads >= loads.max() - 1e-9][-1]
+        asked = _most_loaded(results, times)
+    number = _number_of(asked, times, folder)
+    time, group = float(times[number]), group_of(number)
+    with h5py.File(folder / "result.h5", "r") as file:
+        if group not in file:  # it is the last step
+            return replace(results, time=time)
+        fields = results.fields | {name: data[()] for name, data in datasets(file[group]).items()}
+        # where bodies move far, contacts have rows of their own in each step
+        surfaces, (rows, facets) = read_surfaces(file, group), read_lines(file, group)
+    contacts = {
+        name: _contact_at(results, name, time, rows.get(name) if rows else None)
+        for name in results.legs
+    }
+    sides = {
+        name: _means(table, contacts[name], results.axisymmetric)
+        for name, table in results.sides.items()
+    }
+    return replace(
+        results,
+        summary=_summary_at(results, time, fields, contacts),
+        contacts=contacts,
+        fields=fields,
+        time=time,
+        sides=sides,
+        surfaces=surfaces,
+        facets=facets or results.facets,
+    )
+
+
+def _number_of(asked: float, times: np.ndarray, folder: Path) -> int:
+    """Which of the times is the one that is `asked` for. Raises InputError where none is."""
     matching = np.flatnonzero(np.abs(times - asked) <= 1e-9 * abs(asked))
     if len(matching) == 0:
         raise InputError(
             f"{folder}: there are no fields of time {asked:g}; the times that have some: "
             f"{', '.join(f'{time:g}' for time in times) or 'none'}"
         )
-    time = float(times[matching[0]])
-    with h5py.File(folder / "result.h5", "r") as file:
-        if group_of(matching[0]) not in file:  # it is the last step
-            return replace(results, time=time)
-        fields = results.fields | {
-            name: data[()] for name, data in datasets(file[group_of(matching[0])]).items()
-        }
-        # where bodies move far, contacts have rows of their own in each step
-        surfaces, (rows, facets) = (
-            read_surfaces(file, group_of(matching[0])),
-            read_lines(file, group_of(matching[0])),
-        )
-    contacts = {}
-    for name, legs in results.legs.items():
-        own = {
-            column: values[legs["time"] == time]
-            for column, values in legs.items()
-            if column != "time"
-        }
-        table = (
-            own | rows[name]
-            if rows
-            else results.contacts[name]
-            | {column: own[column] for column in leg_columns(results.dimension)}
-        )
-        area = table["length"] if "length" in table else table["area"]
-        contacts[name] = table | {
-            f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")
-        }
-    entry = next(step for step in results.summary["steps"] if step["time"] == time)
-    totals, rigid, forces = entry["contacts"], entry.get("rigid", {}), entry.get("bodies", {})
-    moved, owner = _moved(fields), owners(results)
+    return int(matching[0])
+
+
+def _most_loaded(results: Results, times: np.ndarray) -> float:
+    """The last of the times at which the sum of the factors of all histories, Σ |factor| / max |factor|, is largest."""
+    drawn, loads = drawn_times(results.summary, times), np.zeros(len(times))
+    for history in results.summary["scene"].get("history", {}).values():
+        largest = np.abs(history["factors"]).max() or 1.0
+        loads += np.abs(np.interp(drawn, history["times"], history["factors"])) / largest
+    return float(times[loads >= loads.max() - 1e-9][-1])
+
+
+def _contact_at(results: Results, name: str, time: float, rows: Columns | None) -> Columns:
+    """The table of a contact at a load step, with the `rows` that it has there where bodies move far."""
+    legs = results.legs[name]
+    now = legs["time"] == time
+    own = {column: values[now] for column, values in legs.items() if column != "time"}
+    if rows is None:
+        changed = {column: own[column] for column in leg_columns(results.dimension)}
+        table = results.contacts[name] | changed
+    else:
+        table = own | rows
+    area = table["length"] if "length" in table else table["area"]
+    forces = {f"{kind}_force": table[f"{kind}_stress"] * area for kind in ("normal", "tangential")}
+    return table | forces
+
+
+def _summary_at(
+    results: Results, time: float, fields: Columns, contacts: Mapping[str, Columns]
+) -> dict[str, Any]:
+    """The summary of a load step with these `fields` and tables of `contacts`."""
+    summary = results.summary
+    step = next(step for step in summary["steps"] if step["time"] == time)
+    forces, moved, owner = step.get("bodies", {}), _moved(fields), owners(results)
     unknown: dict[str, Any] = {
         "energy": None,
         "reaction": (None,) * results.dimension,
@@ -193,44 +218,32 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
     }
     bodies = {
         name: entry | unknown | forces.get(name, {}) | _extremes(results, fields, moved, owner, k)
-        for k, (name, entry) in enumerate(results.summary["bodies"].items())
+        for k, (name, entry) in enumerate(summary["bodies"].items())
     }
-    unknown = dict.fromkeys(("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound"))
-    summary = results.summary | {
+    return summary | {
         "displacement_max": float(moved.max()),
         "displacement_max_at": plain(place_of_all(bodies.values(), "displacement_max")),
         "bodies": bodies,
-        "rigid": rigid,
-        "discretization_error": results.summary["discretization_error"] | {"energy_norm": None},
+        "rigid": step.get("rigid", {}),
+        "discretization_error": summary["discretization_error"] | {"energy_norm": None},
         "contacts": {
-            name: entry
-            | unknown
-            | totals[name]
-            | {
-                "dissipated": entry["dissipated"],
-                # None where the contact has no rows, or no area, and stresses are NaN
-                "pressure_max": plain(contacts[name]["normal_stress"].max(initial=-np.inf)),
-                "pressure_max_at": plain(
-                    place_of_largest(contacts[name]["normal_stress"], vectors(contacts[name]))
-                ),
-            }
-            for name, entry in results.summary["contacts"].items()
+            name: _totals_at(entry, step["contacts"][name], contacts[name])
+            for name, entry in summary["contacts"].items()
         },
     }
-    sides = {
-        name: _means(table, contacts[name], results.axisymmetric)
-        for name, table in results.sides.items()
+
+
+def _totals_at(entry: dict, totals: dict, table: Columns) -> dict:
+    """The summary's entry of a contact at a load step with these `totals` and this `table`."""
+    pressure = table["normal_stress"]
+    unknown = dict.fromkeys(("pointwise_penetration", "moment_imbalance", "moment_imbalance_bound"))
+    own = {
+        "dissipated": entry["dissipated"],
+        # None where the contact has no rows, or no area, and stresses are NaN
+        "pressure_max": plain(pressure.max(initial=-np.inf)),
+        "pressure_max_at": plain(place_of_largest(pressure, vectors(table))),
     }
-    return replace(
-        results,
-        summary=summary,
-        contacts=contacts,
-        fields=fields,
-        time=time,
-        sides=sides,
-        surfaces=surfaces,
-        facets=facets or results.facets,
-    )
+    return entry | unknown | totals | own
 
 
 def _moved(fields: Columns) -> np.ndarray:

@@ -15,7 +15,8 @@ from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.judge.motions import TURN
 from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
-from ddmpi.scene.method import Cycle, units
+from ddmpi.scene.output import units
+from ddmpi.scene.time import Cycle
 from ddmpi.system.files import MECHANISM, writing
 from ddmpi.system.numbers import RigidMotion, in_words, moment, place_of_largest
 
@@ -101,7 +102,10 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
         place = where(summary[table][name], key)
         return f"{row.words} {as_float(value):.{digits}g} {unit}" + f" at {place}" * bool(place)
     components = np.array([as_float(component) for component in value])
-    components[np.abs(components) < PRECISION * np.linalg.norm(components)] = 0.0
+    size = float(np.linalg.norm(components))
+    if row.quantity == "force":  # of a fit pressures are in balance by themselves, but for rounding
+        size = max([size, *(as_float(one["normal_force"]) for one in summary["contacts"].values())])
+    components[np.abs(components) < PRECISION * size] = 0.0
     return (
         f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
     )

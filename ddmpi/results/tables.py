@@ -135,7 +135,7 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     force are left out. Linear elements have no such file, and solids have none: their rows stand at the corners of
     facets, and do not oscillate. Not collective. Raises OutputError.
     """
-    xy, facets = state.interface.xy, state.interface.facets
+    xy, facets = state.interface.xy, state.interface.geometry.facets
     cell = cell_with(facets.shape[1], xy.shape[1] - 1)
     middle, places = (
         facets[:, (cell.nodes == FIRST[cell.dimension][0]).all(axis=1)].ravel(),
@@ -387,7 +387,7 @@ class Results:
 
     def heading(self, timed: bool = False) -> str:
         """What a picture's title begins with: the scene's title, and the time of the load step if it is `timed`."""
-        title = textwrap.fill(self.summary["title"], WIDE).replace("$", r"\$")  # no formula
+        title = textwrap.fill(self.summary["title"], WIDE)
         when = f"time {self.time:g}: " if timed and self.time is not None else ""
         return (f"{title}\n" if title else "") + when
 

@@ -27,7 +27,8 @@ from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, NAMED, describe_contact
 from ddmpi.run.run import Cases
 from ddmpi.scene.keys import override
-from ddmpi.scene.reader import as_data, code_of, read_data, read_scene, read_text, refuse_reaching
+from ddmpi.scene.petsc import code_of, refuse_reaching
+from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
 from ddmpi.system.agreement import from_first, in_lockstep, merged

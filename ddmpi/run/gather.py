@@ -44,9 +44,10 @@ from ddmpi.results.tables import (
     write_steps,
     write_table,
 )
-from ddmpi.run.equilibrium import forces_by_group, recover
+from ddmpi.run.recover import forces_by_group, recover
 from ddmpi.run.report import describe_files
 from ddmpi.run.solve import Solution
+from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.doubts import Doubt
@@ -247,51 +248,29 @@ def gather_summary(
     warnings, free : of the scene and of the answer; motions that no contact resists
     started : as for `provenance`
     """
-    world, scene, outer = assembly.world, assembly.scene, solution.outer
+    world, scene = assembly.world, assembly.scene
     team = team_of(world)
     ranks = team.ranks if team else [world.rank]
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
-    factors = scene.factors(1.0 if solution.time is None else scene.drawn(solution.time, steps.run))
-    mine = [
-        (
-            body.number,
-            (
-                body.spec.name,
-                _body(assembly, body, solution, error, fields, ranks, memory)
-                | (
-                    forces_by_group(
-                        body, solution.displacements[body.spec.name], s, factors, assembly.frames
-                    )
-                ),
-            ),
-        )
-        for body, s in zip(assembly.bodies, outer.body_forces(), strict=True)
-    ]
+    machine = ranks, memory
+    mine = _bodies(assembly, solution, error, fields, machine, steps)
     reused = gathered(world, assembly.reused)
-    of_ranks = world.gather(
-        (
-            mine,
-            set(unused_options()),
-            sum(outer.inner_steps.values()),
-            assembly.exchange.state(),
-            hosts,
-        )
-    )
+    inner = sum(solution.outer.inner_steps.values())
+    of_ranks = world.gather((mine, set(unused_options()), inner, assembly.exchange.state(), hosts))
     quadratic = _quadratic_unknowns(assembly, error)
     if of_ranks is None:
         return {}
-    bodies_of_ranks, unused, inner, sent, named = zip(*of_ranks, strict=True)
+    bodies_of_ranks, unused, inners, sent, named = zip(*of_ranks, strict=True)
     hosts, left = list(itertools.chain(*named)), sorted(set.intersection(*unused))
-    bodies = dict(
-        body for _, body in sorted(itertools.chain(*bodies_of_ranks), key=lambda pair: pair[0])
-    )
+    numbered = sorted(itertools.chain(*bodies_of_ranks), key=lambda body: body[0])
+    bodies = {name: entry for _, name, entry in numbered}
     run = {
         "converged": solution.certified and not ladder.missed,
         "reason": (solution.certified and ladder.missed) or solution.reason,
         "order": scene.body[0].mesh.order,
         "ranks": len(hosts),
         "outer_iterations": len(steps.iterations),
-        "inner_iterations": sum(inner) if scene.method.by_body else inner[0],
+        "inner_iterations": sum(inners) if scene.method.by_body else inners[0],
         "certificate_limit": solution.limit,
         "steps": steps.steps,
         "discretization_error": {
@@ -304,16 +283,45 @@ def gather_summary(
         **_motions(free, solution),
         "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
         "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
-        "solvers": {"qp": outer.qp_type},
+        "solvers": {"qp": solution.outer.qp_type},
         "options": in_force(),
         "options_unused": left,
-    } | ({"energy": steps.balance()} if scene.time else {})
-    if scene.output.derivatives:
-        run["derivatives"] = steps.derived[0] if solution.certified else {}
-    if scene.time and scene.time.cycle:
-        run["cycles"] = {"run": steps.run, "change": steps.change}
+        **_of_steps(scene, solution, steps),
+    }
     summary = summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate)
     return summary | {"steps": steps.told} | provenance(started, hosts)
+
+
+def _of_steps(scene: Settled, solution: Solution, steps: StepLog) -> dict[str, Any]:
+    """The summary's entries of load steps, cycles and derivatives, as far as the scene has these."""
+    entries: dict[str, Any] = {}
+    if scene.time:
+        entries["energy"] = steps.balance()
+    if scene.output.derivatives:
+        entries["derivatives"] = steps.derived[0] if solution.certified else {}
+    if scene.time and scene.time.cycle:
+        entries["cycles"] = {"run": steps.run, "change": steps.change}
+    return entries
+
+
+def _bodies(
+    assembly: Assembly,
+    solution: Solution,
+    error: DiscretizationError,
+    fields: dict[str, Fields],
+    machine: tuple[list[int], float],
+    steps: StepLog,
+) -> list[tuple[int, str, dict]]:
+    """The number, the name and the summary's entry of each body of this rank. Not collective."""
+    scene = assembly.scene
+    factors = scene.factors(1.0 if solution.time is None else scene.drawn(solution.time, steps.run))
+    entries = []
+    for body, s in zip(assembly.bodies, solution.outer.body_forces(), strict=True):
+        name = body.spec.name
+        entry = _body(assembly, body, solution, error, fields, *machine)
+        forces = forces_by_group(body, solution.displacements[name], s, factors, assembly.frames)
+        entries.append((body.number, name, entry | forces))
+    return entries
 
 
 def _quadratic_unknowns(assembly: Assembly, error: DiscretizationError) -> int | None:
@@ -413,85 +421,21 @@ def write_files(
 ) -> None:
     """Write all result files, with output.only the tables and the summary; they appear together or not at all, and the
     checkpoint goes. Collective."""
-    world, bodies, summary = solved.assembly.world, solved.assembly.bodies, solved.summary
-    staging, picture_error = Staging(folder) if folder else None, None
+    world, scene = solved.assembly.world, solved.assembly.scene
+    staging = Staging(folder) if folder else None
     path = world.bcast(staging.path if staging else None)
-    scene = solved.assembly.scene
-    viewed, drawn = (
-        scene.output.view is True and not scene.output.only,
-        figures and not scene.output.only,
-    )
     try:
         with clock.phase("output"):
-            surfaces, spans = dict[str, Datasets](), dict[int | str, np.ndarray]()
-            if not scene.output.only:
-                surfaces = {
-                    name: contact_fields(state) for name, state in solved.solution.states.items()
-                }
-                with event("WriteFields"):
-                    spans = write_fields(
-                        path,
-                        {body.number: solved.fields[body.spec.name] for body in bodies},
-                        surfaces,
-                        world,
-                        tables={
-                            name: table_fields(state, scene.far)
-                            for name, state in solved.solution.states.items()
-                        },
-                    )
-            legs = _write_steps(path, solved)
-            times = [time for time, _ in legs] or [
-                time for time in [solved.solution.time] if time is not None
-            ]
-            with agreed(world), event("WriteTables"):
-                _write_contacts(path, solved, surfaces, legs)
-                if staging:
-                    if not scene.output.only:
-                        write_xdmf(
-                            path,
-                            times,
-                            {body.name: spans[number] for number, body in enumerate(scene.body)},
-                            {contact.name: spans[contact.name] for contact in scene.contact},
-                        )
-                    write_table(path / "history.csv", HISTORY, solved.steps.iterations)
-                    write_steps(path, solved.steps.steps)
-                    if scene.time:
-                        write_energies(path, solved.steps.energies, solved.steps.steps)
-                    if solved.assembly.far:
-                        write_frames(
-                            path,
-                            [
-                                (step["time"], solved.assembly.far.frames(scene, step["time"]))
-                                for step in solved.steps.steps
-                            ],
-                        )
-                    if solved.solution.mechanism:
-                        write_mechanism(path, solved.solution.mechanism)
-                    if drawn or viewed:  # they show it
-                        write_summary(path, summary)
-            if drawn:
-                near = drawers(world)
-                with agreed(world), event("Figures"):
-                    if world.rank in near and has_matplotlib():
-                        from ddmpi.pictures.draw import draw_all
-
-                        picture_error = _guarded(draw_all, path, near.index(world.rank), len(near))
-            with agreed(world):
-                if staging and viewed and not solved.solution.mechanism:
-                    picture_error = _guarded(write_view, path) or picture_error
+            picture_error = _write_all(path, solved, figures, bool(staging))
         seconds = clock.largest(world)
         with agreed(world):
             if staging:
-                write_summary(path, summary | {"seconds": seconds})
+                write_summary(path, solved.summary | {"seconds": seconds})
                 files = staging.publish(
                     name for contact in scene.contact for name in contact_files(contact.name)
                 )
-                log.info(
-                    "results in %s: %s (%.1f s in all)",
-                    folder,
-                    describe_files([f.name for f in files]),
-                    seconds["total"],
-                )
+                names = describe_files([f.name for f in files])
+                log.info("results in %s: %s (%.1f s in all)", folder, names, seconds["total"])
         checkpoints.remove()
         with agreed(world):
             if picture_error:
@@ -501,73 +445,138 @@ def write_files(
             staging.discard()
 
 
+def _write_all(path: Path, solved: Solved, figures: bool, first: bool) -> OutputError | None:
+    """Write all files into the folder `path`, the tables of the whole run on the `first` rank; why pictures could not
+    be drawn. Collective."""
+    world, scene = solved.assembly.world, solved.assembly.scene
+    shown = not scene.output.only
+    viewed, drawn = shown and scene.output.view is True, shown and figures
+    surfaces, spans = _write_last(path, solved) if shown else ({}, {})
+    legs = _write_steps(path, solved)
+    with agreed(world), event("WriteTables"):
+        _write_contacts(path, solved, surfaces, legs)
+        if first:
+            if shown:
+                _describe(path, solved, legs, spans)
+            _write_tables(path, solved)
+            if drawn or viewed:  # they show it
+                write_summary(path, solved.summary)
+    picture_error = _draw(path, solved) if drawn else None
+    with agreed(world):
+        if first and viewed and not solved.solution.mechanism:
+            picture_error = _guarded(write_view, path) or picture_error
+    return picture_error
+
+
+def _write_last(path: Path, solved: Solved) -> tuple[dict[str, Datasets], dict]:
+    """Write the fields of the last load step; those of the contacts of this rank, and the spans of `write_fields`.
+    Collective."""
+    assembly, states = solved.assembly, solved.solution.states
+    surfaces: dict[str, Datasets] = {name: contact_fields(state) for name, state in states.items()}
+    tables = {name: table_fields(state, assembly.scene.far) for name, state in states.items()}
+    fields = {body.number: solved.fields[body.spec.name] for body in assembly.bodies}
+    with event("WriteFields"):
+        return surfaces, write_fields(path, fields, surfaces, assembly.world, tables=tables)
+
+
+def _describe(
+    path: Path, solved: Solved, legs: Sequence[Leg], spans: Mapping[int | str, np.ndarray]
+) -> None:
+    """Write result.xdmf, on the first rank. Not collective."""
+    scene, last = solved.assembly.scene, solved.solution.time
+    times = [time for time, _ in legs] or ([] if last is None else [last])
+    bodies = {body.name: spans[number] for number, body in enumerate(scene.body)}
+    write_xdmf(
+        path, times, bodies, {contact.name: spans[contact.name] for contact in scene.contact}
+    )
+
+
+def _write_tables(path: Path, solved: Solved) -> None:
+    """Write the tables of load steps, and mechanism.json, on the first rank. Not collective."""
+    assembly, steps = solved.assembly, solved.steps
+    write_table(path / "history.csv", HISTORY, steps.iterations)
+    write_steps(path, steps.steps)
+    if assembly.scene.time:
+        write_energies(path, steps.energies, steps.steps)
+    if far := assembly.far:
+        times = [step["time"] for step in steps.steps]
+        write_frames(path, [(time, far.frames(assembly.scene, time)) for time in times])
+    if solved.solution.mechanism:
+        write_mechanism(path, solved.solution.mechanism)
+
+
+def _draw(path: Path, solved: Solved) -> OutputError | None:
+    """Draw the pictures on the ranks that share them, where matplotlib is; why they could not be drawn. Collective."""
+    world = solved.assembly.world
+    near = drawers(world)
+    with agreed(world), event("Figures"):
+        if world.rank in near and has_matplotlib():
+            from ddmpi.pictures.draw import draw_all
+
+            return _guarded(draw_all, path, near.index(world.rank), len(near))
+    return None
+
+
 def _write_steps(path: Path, solved: Solved) -> list[Leg]:
     """Write the fields of the kept load steps, computed anew from their forces, unless contacts alone are asked for,
     and the forces of each by body and group into the summary; the contacts at these steps. Collective."""
     assembly, steps, legs = solved.assembly, solved.steps, list[Leg]()
-    whole = not assembly.scene.output.only
-    world, joint = assembly.world, assembly.joint
-    told = {step["time"]: step for step in solved.summary.get("steps", ())}  # on the first rank
+    names = solved.summary.get("bodies", {})  # on the first rank
+    told = {step["time"]: step for step in solved.summary.get("steps", ())}
     for number, (time, s, alpha, *values) in enumerate(steps.kept):
         states, last = solved.solution.states, time == solved.solution.time
         if assembly.far and not last:  # bodies meet elsewhere
             assembly = assembly.meet(time)
-            joint, states = (
-                assembly.joint,
-                {
-                    met.name: replace(states[met.name], interface=met)
-                    for met in assembly.space.interfaces
-                },
-            )
-        legs.append(
-            (time, dict(zip(states, zip(states.values(), values, strict=True), strict=True)))
-        )
-        if last:  # its fields are written already
-            if told:
-                told[time]["bodies"] = {
-                    name: {key: body[key] for key in ("reaction", "loads", "reactions")}
-                    for name, body in solved.summary["bodies"].items()
-                }
-            continue
-        drawn = assembly.scene.drawn(time, steps.run)
-        assembly.act(drawn)
-        body_forces, fields, forces, factors = (
-            joint.exchange.spread(s),
-            {},
-            {},
-            assembly.scene.factors(drawn),
-        )
-        with agreed(world):
-            for body, s_body in zip(assembly.bodies, body_forces, strict=True):
-                u, *_ = recover(
-                    body.member, s_body, alpha[joint.slices[body.spec.name]], steps.most["sizes"]
-                )
-                if whole:
-                    fields[body.number] = fields_of(assembly, body, u)
-                forces[body.spec.name] = plain(
-                    forces_by_group(body, u, s_body, factors, assembly.frames)
-                )
-            surfaces = {
-                name: contact_fields(state, leg)
-                for (name, state), leg in zip(states.items(), values, strict=True)
-                if whole
+            states = {
+                met.name: replace(states[met.name], interface=met)
+                for met in assembly.space.interfaces
             }
-        forces = gathered(world, forces)
+        leg = dict(zip(states, zip(states.values(), values, strict=True), strict=True))
+        legs.append((time, leg))
+        if last:  # its fields are written already
+            forces = names
+        else:
+            assembly.act(assembly.scene.drawn(time, steps.run))
+            forces = _write_step(path, solved, assembly, number, (time, s, alpha), leg)
         if told:
-            told[time]["bodies"] = {name: forces[name] for name in solved.summary["bodies"]}
-        if whole:
-            with event("WriteFields"):
-                write_fields(
-                    path,
-                    fields,
-                    surfaces,
-                    world,
-                    number,
-                    {name: table_fields(state, True) for name, state in states.items()}
-                    if assembly.far
-                    else None,
-                )
+            told[time]["bodies"] = {
+                name: {key: forces[name][key] for key in ("reaction", "loads", "reactions")}
+                for name in names
+            }
     return legs
+
+
+def _write_step(
+    path: Path,
+    solved: Solved,
+    assembly: Assembly,
+    number: int,
+    kept: tuple[float, np.ndarray, np.ndarray],
+    leg: dict[str, tuple[ContactState, np.ndarray]],
+) -> dict[str, dict]:
+    """Write the fields of a load step before the last one, of its time, forces and motions, unless contacts alone are
+    asked for; `forces_by_group` of all bodies, on the first rank. Collective."""
+    world, scene, joint = assembly.world, assembly.scene, assembly.joint
+    time, s, alpha = kept
+    factors = scene.factors(scene.drawn(time, solved.steps.run))
+    body_forces, fields, forces = joint.exchange.spread(s), {}, {}
+    surfaces, tables = dict[str, Datasets](), dict[str, Datasets]()
+    with agreed(world):
+        for body, s_body in zip(assembly.bodies, body_forces, strict=True):
+            name = body.spec.name
+            motions, sizes = alpha[joint.slices[name]], solved.steps.most["sizes"]
+            u, *_ = recover(body.member, s_body, motions, sizes)
+            forces[name] = plain(forces_by_group(body, u, s_body, factors, assembly.frames))
+            if not scene.output.only:
+                fields[body.number] = fields_of(assembly, body, u)
+        if not scene.output.only:
+            surfaces = {name: contact_fields(*at) for name, at in leg.items()}
+            tables = {name: table_fields(state, True) for name, (state, _) in leg.items()}
+    if not scene.output.only:
+        with event("WriteFields"):
+            far = tables if assembly.far else None
+            write_fields(path, fields, surfaces, world, number, far)
+    return gathered(world, forces)
 
 
 def _write_contacts(

@@ -28,8 +28,10 @@ from ddmpi.interface.state import Rows, forces_by_node, rows_of, values_by_node
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import NOTHING, Mark, began, instability, partners_gone, way_down
+from ddmpi.run.frames import began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
+from ddmpi.run.marks import Mark
+from ddmpi.run.recover import NOTHING
 from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.run.steps import March
 from ddmpi.scene.contacts import SettledContact
@@ -108,7 +110,7 @@ class FarMarch(March):
         missed = {
             name
             for name, state in solution.states.items()
-            if (state.between[len(state.between) - state.interface.beyond :] < 0.0).any()
+            if (state.between[len(state.between) - state.interface.probes.beyond :] < 0.0).any()
         }
         missed = set().union(*self.assembly.world.allgather(missed))
         self._whole = self._whole | missed if missed else frozenset()

@@ -42,49 +42,56 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     if world.rank:
         return
     contacts = {contact.name: owned[contact.name] for contact in scene.contact}
+    laws = ", ".join(dict.fromkeys(law for law, _ in contacts.values()))
     log.info(
-        "n = %d unknowns (%s), m = %d contact nodes%s%s",
+        "n = %d unknowns (%s), m = %d contact nodes%s",
         assembly.n,
         CELLS[scene.dimension, scene.body[0].mesh.order].title,
         assembly.m,
-        ", friction: " * bool(contacts),
-        ", ".join(dict.fromkeys(law for law, _ in contacts.values())),
+        f", friction: {laws}" * bool(contacts),
     )
     for plan, names in grouped((plan, name) for name, (_, plan) in contacts.items()):
         log.info("%s: %s", some(names, "contacts"), plan)
-    for way, names in grouped((bodies[spec.name][0], spec.name) for spec in scene.body):
-        log.info("%s: %s", some(names, "bodies"), way)
-    if assembly.loose and not has_clarabel():
-        log.info("the search for an equilibrium of loose bodies is skipped: %s", NO_CLARABEL)
-    unloaded = [spec.name for spec in scene.body if not bodies[spec.name][1]]
-    if unloaded:
-        log.info("%s: no loads", some(unloaded, "bodies"))
-    if world.size < len(scene.body):
-        log.info("%d bodies on %s", len(scene.body), _count(world.size, "rank"))
-    only = scene.output.only
-    left_out = [
-        what
-        for what, missing in (
-            ("rigid motions (all bodies are supported)", not assembly.loose),
-            (
-                "fields, stresses, pictures, the estimated error and warnings of strains, stresses and overlaps of bodies "
-                f'(output.only = "{only}")',
-                only,
-            ),
-            ("stress in the files (not asked for)", not only and not scene.output.stress),
-            ("pictures (not asked for)", not only and not figures),
-        )
-        if missing
-    ]
-    if figures and not only and not has_matplotlib():
-        left_out.append(f"pictures ({NO_MATPLOTLIB})")
-    left_out += _target_left_out(scene)
-    log.info(
-        "%s; left out: %s",
-        describe_method(scene.method, scene.dimension),
-        ", ".join(left_out) or "nothing",
-    )
+    for line in _plan_of_bodies(assembly, bodies):
+        log.info("%s", line)
+    method = describe_method(scene.method, scene.dimension)
+    left_out = ", ".join(_left_out(assembly, figures)) or "nothing"
+    log.info("%s; left out: %s", method, left_out)
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
+
+
+def _plan_of_bodies(assembly: Assembly, bodies: Mapping[str, tuple[str, bool]]) -> Iterator[str]:
+    """How the `bodies` are solved, by the results of `_describe_body`. Not collective."""
+    names = [spec.name for spec in assembly.scene.body]
+    for way, alike in grouped((bodies[name][0], name) for name in names):
+        yield f"{some(alike, 'bodies')}: {way}"
+    if assembly.loose and not has_clarabel():
+        yield f"the search for an equilibrium of loose bodies is skipped: {NO_CLARABEL}"
+    unloaded = [name for name in names if not bodies[name][1]]
+    if unloaded:
+        yield f"{some(unloaded, 'bodies')}: no loads"
+    if assembly.world.size < len(names):
+        yield f"{len(names)} bodies on {_count(assembly.world.size, 'rank')}"
+
+
+def _left_out(assembly: Assembly, figures: bool) -> Iterator[str]:
+    """What the run does not do, and why. Not collective."""
+    scene = assembly.scene
+    only = scene.output.only
+    if not assembly.loose:
+        yield "rigid motions (all bodies are supported)"
+    if only:
+        yield (
+            "fields, stresses, pictures, the estimated error and warnings of strains, stresses and overlaps of bodies "
+            f'(output.only = "{only}")'
+        )
+    elif not scene.output.stress:
+        yield "stress in the files (not asked for)"
+    if not only and not figures:
+        yield "pictures (not asked for)"
+    if figures and not only and not has_matplotlib():
+        yield f"pictures ({NO_MATPLOTLIB})"
+    yield from _target_left_out(scene)
 
 
 def log_warnings(warnings: Iterable[str], told: list[str]) -> None:
@@ -300,15 +307,13 @@ def _between_nodes(summary: dict) -> Iterator[str]:
     _, deepest = largest(unmatched, "pointwise_penetration")
     _, turned = largest(unmatched, "moment_imbalance")
     bound = as_float(unmatched[turned]["moment_imbalance_bound"])
-    for name, words in grouped(
-        [
-            (deepest, tell(summary, "contacts", deepest, "pointwise_penetration", 2)),
-            (
-                turned,
-                f"{tell(summary, 'contacts', turned, 'moment_imbalance', 3)} (bound {bound:.3g})",
-            ),
-        ]
-    ):
+    told = []
+    if unmatched[deepest]["pointwise_penetration"]:
+        told += [(deepest, tell(summary, "contacts", deepest, "pointwise_penetration", 2))]
+    if bound:
+        imbalance = tell(summary, "contacts", turned, "moment_imbalance", 3)
+        told += [(turned, f"{imbalance} (bound {bound:.3g})")]
+    for name, words in grouped(told):
         yield f"non-matching meshes at {name}: {'; '.join(words)}"
 
 

@@ -22,12 +22,14 @@ from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
 from ddmpi.judge.diagnosis import diagnose, helpful
 from ddmpi.judge.edges import doubt_edges
 from ddmpi.judge.plausible import (
+    ROUNDED,
     doubt_answer,
     doubt_cells,
     doubt_mesh,
     doubt_shape,
     doubt_stress,
     locking_of,
+    subjects,
 )
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.refine import Sizes
@@ -185,28 +187,37 @@ def compute(
     if write:
         log.info("%s", scene.title or scene_path)
     with claim:
-        ladder, solved = MeshLadder(scene), None
+        ladder = MeshLadder(scene)
         identity = {} if world.rank else identify(scene, in_force(), versions())
         state = continue_from(world, restart, identity, ladder) if restart else None
         checkpoints = Checkpoints(world, folder, identity, scene.checkpoint, clock, ladder, state)
         with checkpoints.kept():
             if ladder.levels:
                 log.info("continuing with %s", ladder.meshes)
-            while solved is None:
-                try:
-                    solved = attempt()
-                except (InputError, SolverError) as failure:
-                    # an error on a finer mesh leaves the answer on the one before; a refused checkpoint leaves nothing
-                    refused = isinstance(failure, InputError) and checkpoints.continuing
-                    if refused or not failure.agreed or not ladder.fall_back(str(failure)):
-                        raise
-                if solved is None:
-                    checkpoints.leave()
-                    gc.collect()
-                    free_garbage()
+            solved = _climb(attempt, ladder, checkpoints)
     if write:
         _refuse_uncertified(solved, ladder)
     return solved
+
+
+def _climb(
+    attempt: Callable[[], Solved | None], ladder: MeshLadder, checkpoints: Checkpoints
+) -> Solved:
+    """What an `attempt` has solved, the first one that does not go on to another mesh. Collective."""
+    while True:
+        try:
+            solved = attempt()
+        except (InputError, SolverError) as failure:
+            # an error on a finer mesh leaves the answer on the one before; a refused checkpoint leaves nothing
+            refused = isinstance(failure, InputError) and checkpoints.continuing
+            if refused or not failure.agreed or not ladder.fall_back(str(failure)):
+                raise
+            solved = None
+        if solved is not None:
+            return solved
+        checkpoints.leave()
+        gc.collect()
+        free_garbage()
 
 
 def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
@@ -354,17 +365,6 @@ def _another_mesh(
     return True
 
 
-def _beside_rounding(infinite: list[str], doubts: list[str]) -> list[str]:
-    """Warnings of infinite pressures, but for those of contacts whose forces are rounding by the `doubts`."""
-    told = [doubt for doubt in doubts if isinstance(doubt, Doubt)]
-    uncertain = {of for doubt in told if doubt.kind == "uncertain" for of in doubt.of}
-    return [
-        doubt
-        for doubt in infinite
-        if not isinstance(doubt, Doubt) or uncertain.isdisjoint(doubt.of)
-    ]
-
-
 def _of_answer(
     assembly: Assembly,
     solution: Solution,
@@ -377,13 +377,18 @@ def _of_answer(
     scene, world = assembly.scene, assembly.world
     doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
     infinite, edges = doubt_edges(assembly.in_world(), solution.states)
-    warnings = [*coarse_words(solution.held), *doubts, *_beside_rounding(infinite, doubts)]
+    # pressures that are rounding are neither finite nor infinite, and those of corners are not of single nodes alone
+    rounded = subjects(doubts, *ROUNDED)
+    infinite = [doubt for doubt in infinite if rounded.isdisjoint(subjects([doubt]))]
+    corners = subjects(infinite)
+    doubts = [doubt for doubt in doubts if corners.isdisjoint(subjects([doubt], "alone"))]
+    warnings = [*coarse_words(solution.held), *doubts, *infinite]
     warnings += steps.doubts_beside([*doubts, *free])
     if not scene.output.only:
         stresses = {name: field.von_mises for name, field in fields.items()}
         warnings += [] if world.rank else doubt_mesh(scene.body, error)
         warnings += doubt_stress(assembly.in_world(), stresses, edges)
-    unsolved = f"GMRES does not solve their equations to {ENOUGH:.0e}"
+    unsolved = f"their equations are not solved to {ENOUGH:.0e}"
     for key, entry in () if world.rank else steps.derived[0].items():
         if entry is None:
             words = f"derivatives.{key}: not given, because {steps.derived[2].get(key, unsolved)}"

@@ -29,15 +29,10 @@ from ddmpi.methods.outer import ENDS, Outer, Report, Step, check_promises, no_re
 from ddmpi.petsc.events import event
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.run.equilibrium import (
-    at_contacts,
-    describe_drift,
-    displaced,
-    driven_partners,
-    look_for_mechanism,
-)
+from ddmpi.run.equilibrium import describe_drift, look_for_mechanism
 from ddmpi.run.held import Held, HeldMotion, beyond_meshes, judge_held, motions_to_hold, slides
 from ddmpi.run.least import least_motion
+from ddmpi.run.recover import at_contacts, displaced, driven_partners
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import agreed, gathered
@@ -162,6 +157,10 @@ class Solution:
         if self.stopped == "stalled" and not isinstance(self.outer, Newton):
             return "not converged: the method stalled"
         return ENDS[self.stopped]
+
+
+Judged = tuple[ContactTotals, ContactResiduals]
+"""Of a contact."""
 
 
 class Iteration:
@@ -452,55 +451,30 @@ class Iteration:
         both = assembly.exchange.collect(traces, "answer")
         beside = assembly.exchange.swap_objects(motions)
         bodies = gathered(world, sizes) | driven_partners(assembly, outer)
-        load, energy, work = (
-            sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work")
-        )
+        sums = [sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work")]
         now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
-        load, energy, work, now = world.bcast((load, energy, work, now))
+        (load, energy, work), now = world.bcast((sums, now))
 
-        mismatch, interfaces = outer.mismatch, joint.placed(outer.motions)
-        if assembly.outer is not None:  # what a method from outside says of itself is no evidence
-            seen = assembly.exchange.spread(outer.forces)
-            apart = [s - mine for s, mine in zip(seen, outer.body_forces(), strict=True)]
-            mismatch = np.hypot(*assembly.exchange.collect(apart, "mismatch"))
-        prescribed = np.concatenate(
-            [np.empty(0), *(interface.prescribed for interface in interfaces)]
-        )
+        mismatch, interfaces = self._mismatch(), joint.placed(outer.motions)
+        shares = [interface.prescribed for interface in interfaces]
+        prescribed = np.concatenate([np.empty(0), *shares])
         with event("Certificate"):
-            states, judged = self._contacts(
-                interfaces, both, beside, since, (load, now, largest[1:].tolist()), mismatch
-            )
+            known = load, now, largest[1:].tolist()
+            states, judged = self._contacts(interfaces, both, beside, since, known, mismatch)
         forces = [0.0, *(float(np.abs(state.forces).max(initial=0.0)) for state in states.values())]
         force = world.allreduce(max(forces), MPI.MAX)
-        # the owner of a contact tells its totals to the ranks of both bodies, and to the first rank those of all
-        told = assembly.exchange.swap_objects(
-            {
-                (name, side): judged.get(name)
-                for name, *_ in assembly.exchange.ends
-                for side in (0, 1)
-            }
-        )
-        known = {name: one or other for name, (one, other) in told.items()} | gathered(
-            world, judged
-        )
-        contacts = {
-            contact.name: known[contact.name]
-            for contact in assembly.scene.contact
-            if contact.name in known
+        contacts = self._told(judged)
+        equilibrium = {
+            name: equilibrium_residual(size["left"], size["acting"], load, size["made"])
+            for name, size in bodies.items()
         }
-        certificate = Certificate(
-            {name: residuals for name, (_, residuals) in contacts.items()},
-            {
-                name: equilibrium_residual(size["left"], size["acting"], load, size["made"])
-                for name, size in bodies.items()
-            },
-        )
+        residuals = {name: residuals for name, (_, residuals) in contacts.items()}
         return Solution(
             stopped,
             displacements,
             states,
             {name: totals for name, (totals, _) in contacts.items()},
-            certificate.told(world),
+            Certificate(residuals, equilibrium).told(world),
             self.limit,
             outer,
             self.statuses,
@@ -512,6 +486,27 @@ class Iteration:
             work=work,
         )
 
+    def _mismatch(self) -> np.ndarray:
+        """The `mismatch` of the outer method; what a method from outside says of itself is no evidence. Collective."""
+        assembly, outer = self.assembly, self.outer
+        if assembly.outer is None:
+            return outer.mismatch
+        seen = assembly.exchange.spread(outer.forces)
+        apart = [s - mine for s, mine in zip(seen, outer.body_forces(), strict=True)]
+        return np.hypot(*assembly.exchange.collect(apart, "mismatch"))
+
+    def _told(self, judged: Mapping[str, Judged]) -> dict[str, Judged]:
+        """What the owner of a contact tells of it to the ranks of both bodies, and to the first rank of all, in the
+        order of the scene. Collective."""
+        exchange, scene = self.assembly.exchange, self.assembly.scene
+        names = [name for name, *_ in exchange.ends]
+        told = exchange.swap_objects(
+            {(name, side): judged.get(name) for name in names for side in (0, 1)}
+        )
+        known = {name: one or other for name, (one, other) in told.items()}
+        known |= gathered(self.assembly.world, judged)
+        return {each.name: known[each.name] for each in scene.contact if each.name in known}
+
     def _contacts(
         self,
         interfaces: Sequence[Interface],
@@ -520,7 +515,7 @@ class Iteration:
         since: Beginning | None,
         sizes: tuple[float, list[float], list[float]],
         mismatch: np.ndarray,
-    ) -> tuple[dict[str, ContactState], dict[str, tuple[ContactTotals, ContactResiduals]]]:
+    ) -> tuple[dict[str, ContactState], dict[str, Judged]]:
         """State, and totals with residuals, of each contact that this rank owns. Not collective.
 
         Parameters
@@ -531,68 +526,57 @@ class Iteration:
         mismatch : as of `Outer`
         """
         space, outer = self.assembly.space, self.outer
-        start, former, slid = since or (
-            np.zeros(space.size),
-            lambda interface, part, s: 0.0 * s,
-            {},
-        )
-        forces = outer.forces
-        states, judged, points = (
-            {},
-            {},
-            {body.spec.name: body.mesh.points for body in self.assembly.bodies},
-        )
+        nothing: Beginning = np.zeros(space.size), lambda interface, part, s: 0.0 * s, {}
+        start, former, slid = since or nothing
+        load, now, before = sizes
+        states, judged = dict[str, ContactState](), dict[str, Judged]()
         for interface, part, bound in zip(
             interfaces, space.parts.values(), space.laws.bounds(outer.bound), strict=False
         ):
+            s, near = outer.forces[part], list(filter(None, beside[interface.name]))
             u1, u2 = both[0][part], both[1][part] + interface.prescribed
-            probes, near, between, slides = (
-                interface.probes,
-                list(filter(None, beside[interface.name])),
-                None,
-                None,
-            )
-            if near[0][0] is not None:
-                # the gap at points between the nodes, where the discrete conditions promise nothing
-                beyond = interface.carried(probes.moved(0, points[interface.bodies[0]]))
-                between = (
-                    probes.opening(interface.scale)
-                    + np.einsum("qd,qd->q", probes.normal, beyond)
-                    - sum(closing for closing, *_ in near)
-                )
-                # without friction the unknowns have no tangential part; slip is that of the bodies beside the nodes
-                slides = (
-                    None
-                    if not interface.law.frictionless
-                    else (
-                        sum(along for _, along, _ in near)
-                        - np.einsum(
-                            "mcd,md->mc",
-                            interface.frame[:, 1:],
-                            interface.carried(interface.places),
-                        ),
-                        slid.get(interface.name, 0.0),
-                    )
-                )
             yielding = max(elastic for *_, elastic in near)
-            state = states[interface.name] = contact_state(
+            state = contact_state(
                 interface,
-                forces[part],
+                s,
                 bound,
                 u1 + u2,
-                between,
-                (start[part], former(interface, part, forces[part])),
+                self._between(interface, near),
+                (start[part], former(interface, part, s)),
                 yielding,
-                slides,
+                _slides(interface, near, slid.get(interface.name, 0.0)),
             )
-            load, now, before = sizes
-            judged[interface.name] = (
-                state.totals,
-                contact_residuals(
-                    state, forces[part], mismatch[part], (u1, u2), load, yielding, now, before
-                ),
+            residuals = contact_residuals(
+                state, s, mismatch[part], (u1, u2), load, yielding, now, before
             )
+            states[interface.name] = state
+            judged[interface.name] = state.totals, residuals
         return states, judged
+
+    def _between(self, interface: Interface, near: Sequence[tuple]) -> np.ndarray | None:
+        """(q,) the gap at points between the nodes, where the discrete conditions promise nothing (m); None in a lean
+        solution. `near` are the motions of its bodies beside the nodes."""
+        if near[0][0] is None:
+            return None
+        name, probes = interface.bodies[0], interface.probes
+        points = next(body.mesh.points for body in self.assembly.bodies if body.spec.name == name)
+        beyond = interface.partner.carried(probes.moved(0, points))
+        closing = sum(closing for closing, *_ in near)
+        return (
+            probes.opening(interface.scale) + np.einsum("qd,qd->q", probes.normal, beyond) - closing
+        )
+
+
+def _slides(
+    interface: Interface, near: Sequence[tuple], before: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray | float] | None:
+    """The slip of a contact without friction, whose unknowns have no tangential part, now and `before` (m): that of the
+    bodies beside the nodes. None in a lean solution, and with friction."""
+    if near[0][0] is None or not interface.law.frictionless:
+        return None
+    carried = interface.partner.carried(interface.places)
+    gone = np.einsum("mcd,md->mc", interface.tangents, carried)
+    return sum(along for _, along, _ in near) - gone, before
 
 
 def solve(

@@ -24,9 +24,11 @@ from ddmpi.judge.plausible import doubt_answer
 from ddmpi.methods.newton import Newton
 from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.results.tables import leg_values
-from ddmpi.run.equilibrium import NOTHING, Mark, look_for_mechanism, undetermined_motions
+from ddmpi.run.equilibrium import look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
 from ddmpi.run.held import beyond_meshes
+from ddmpi.run.marks import Mark
+from ddmpi.run.recover import NOTHING
 from ddmpi.run.report import NAMED
 from ddmpi.run.solve import Iteration, Solution, lean_steps
 from ddmpi.system.doubts import Doubt

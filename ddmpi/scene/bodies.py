@@ -16,17 +16,17 @@ from ddmpi.scene.values import (
     AffineVector,
     Formula,
     Group,
-    Heat,
     Name,
     NonNegative,
     Number,
+    OfOne,
     On,
     Point,
     Positive,
     Table,
     Vector,
-    VolumeForce,
     joined,
+    no_z,
     settle,
 )
 from ddmpi.system.numbers import ALIKE
@@ -37,6 +37,44 @@ LOCKING = 0.48
 Moduli = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=3, max_length=3)]
 Three = Annotated[tuple[Number, ...], msgspec.Meta(min_length=3, max_length=3)]
 # not tuple[Number, Number, Number]: msgspec 0.22 crashes where that stands beside a number and garbage is collected
+
+
+class VolumeForce(AffineVector, frozen=True, kw_only=True):
+    """Force per volume (N/m³): linear in the coordinates, or a ``value``.
+
+    Attributes
+    ----------
+    value : the force, in place of constant and slopes
+    history : [history.NAME] whose factor multiplies the value
+    """
+
+    value: Vector | AffineVector | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        affine = (self.constant, self.x_slope, self.y_slope, self.z_slope) != (None,) * 4
+        if self.value is not None and affine:
+            raise ValueError(
+                "value does not go with constant and slopes; write them into it, as in value = "
+                "{ constant = …, x_slope = … }"
+            )
+        if self.value is None and self.history is not None:
+            raise ValueError(
+                'a volume force with a history has a value: write { value = […], history = "…" }'
+            )
+
+
+class Heat(Table, frozen=True, kw_only=True):
+    """Temperature over the state free of stress, with a history.
+
+    Attributes
+    ----------
+    value : temperature (K)
+    history : [history.NAME] whose factor multiplies it
+    """
+
+    value: Number | Formula
+    history: Name | None = None
 
 
 class Material(Table, frozen=True, kw_only=True):
@@ -99,8 +137,7 @@ class Material(Table, frozen=True, kw_only=True):
         if isinstance(self.expansion, tuple):
             raise ValueError("expansion: an isotropic material has no axes; write expansion = α")
 
-    def of_one_dimension(self, axisymmetric: bool) -> Iterator[tuple[int, str, str]]:
-        """Keys of one dimension only: the dimension, the key, and the reason."""
+    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
         if self.plane:
             yield (
                 3 if axisymmetric else 2,
@@ -128,10 +165,11 @@ class Material(Table, frozen=True, kw_only=True):
     @property
     def _matrix(self) -> np.ndarray:
         """Compliance matrix (6, 6) of an orthotropic material, for ε11, ε22, ε33, 2 ε12, 2 ε13, 2 ε23 (1/Pa)."""
+        # In the plane G13 and G23 do not count.
         E, G = (
             self.moduli,
             np.array(self.shear) * np.ones(3),
-        )  # in the plane G13 and G23 do not count
+        )
         assert isinstance(self.poisson, tuple)
         n12, n13, n23 = self.poisson
         S = np.diag(1.0 / np.append(E, G))
@@ -308,6 +346,12 @@ class Traction(Table, frozen=True, kw_only=True):
                 "the inner normal, or the total force (N), as in force = [0.0, -1e4], or the total moment "
                 "(N m), as in moment = 50.0 or, in space, [0.0, 0.0, 50.0]"
             )
+
+    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+        if self.moment is not None and axisymmetric:
+            yield 3, "moment", no_z(axisymmetric)
+        elif isinstance(self.moment, float):
+            yield 2, "moment", "in space a moment is [Mx, My, Mz]"
 
     @property
     def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:

@@ -1,33 +1,282 @@
-"""Checks of all bodies of a scene together."""
+"""Mistakes of a whole scene: tables that are right by themselves and do not go together, each in a sentence."""
 
 from __future__ import annotations
 
+import unicodedata
+from collections import Counter
+from collections.abc import Iterator
 from typing import Any
 
+from ddmpi.errors import nearest
+from ddmpi.scene.formulas import FORMULAS, check_formulas
+from ddmpi.scene.motions import wrong_motions
+from ddmpi.scene.values import tables
+from ddmpi.system.files import LONGEST, contact_files
 
-def check_heat(bodies: list[Any]) -> None:
-    """ValueError if materials of `BodySpec` bodies expand, and none has a temperature. Bodies without one keep that of
-    the state free of stress."""
+
+def mistakes(scene: Any) -> Iterator[str]:
+    """What is wrong with a `Scene`; the first sentence is certain, later ones may follow from it. Raises ValueError for
+    formulas that cannot be evaluated."""
+    yield from _unnamed(scene.contact)
+    yield from _names(scene)
+    yield from _files(scene.contact)
+    for key, table in tables(scene):
+        for name in FORMULAS:
+            check_formulas(f"{key}.{name}", getattr(table, name, None))
+    for contact in scene.contact:
+        yield from _partners(scene, contact)
+        yield from _roles(scene, contact)
+    yield from _materials(scene)
+    yield from _around_axis(scene)
+    yield from _histories(scene)
+    for contact in scene.contact:
+        yield from _pretension(scene, contact)
+    if scene.time:
+        yield from _load_steps(scene)
+    yield from wrong_motions(scene)
+    yield from _heat(scene.body)
+    two = (len(scene.body), len(scene.rigid), len(scene.contact)) == (2, 0, 1)
+    if scene.method.for_two and not (two and scene.contact[0].kind == "unilateral"):
+        yield (
+            f"method.{scene.method.for_two} is for two supported bodies with one unilateral contact; "
+            "beyond that the published iteration diverges for theta >= 0.02, accelerated or not; use "
+            'outer = "newton", the default'
+        )
+
+
+def _unnamed(contacts: list[Any]) -> Iterator[str]:
+    """Contacts of the same bodies have names, and contacts have sides of their own."""
+    pairs: set[frozenset[str]] = set()
+    sides: dict[frozenset[tuple[str, str]], str] = {}
+    for number, contact in enumerate(contacts):
+        first, second = contact.bodies
+        pair = frozenset(contact.bodies)
+        if contact.name is None and pair in pairs:
+            yield (
+                f"contact.{number}: a second contact between {first!r} and {second!r} must be named; "
+                f'add name = "…"'
+            )
+        pairs.add(pair)
+        both = frozenset(zip(contact.bodies, (*contact.on, ""), strict=False))
+        if both in sides:
+            yield (
+                f"contact.{contact.called}: is between the same sides as contact.{sides[both]}; forces and slip "
+                "bounds of both would add up, so leave one of them out"
+            )
+        sides[both] = contact.called
+
+
+def _names(scene: Any) -> Iterator[str]:
+    """Bodies and rigid partners share one list of names, contacts have another."""
+    named = {
+        "body": [body.name for body in scene.body],
+        "rigid": [rigid.name for rigid in scene.rigid],
+        "contact": [contact.called for contact in scene.contact],
+    }
+    for key, names in named.items():
+        for name, number in Counter(names).items():
+            if number > 1:
+                yield (
+                    f'{key}.{name}: {number} [[{key}]] tables have this name; give each name = "…" of '
+                    "its own"
+                )
+    for name in named["rigid"]:
+        if name in named["body"]:
+            yield (
+                f"rigid.{name}: a [[body]] has this name, too; rename one of them, because "
+                "contacts name both in the same way"
+            )
+
+
+def _files(contacts: list[Any]) -> Iterator[str]:
+    """The files of contacts differ, also on file systems that do not distinguish capitals and small letters."""
+    written: dict[str, tuple[str, str]] = {}
+    named = [
+        (contact.called, file) for contact in contacts for file in contact_files(contact.called)
+    ]
+    for name, file in named:
+        size = len(file.encode())
+        if size > LONGEST:
+            yield (
+                f"contact.{name}: is too long for the name of a file; {file} has {size} bytes, and "
+                f'{LONGEST} are allowed; give the contact a shorter name = "…"'
+            )
+        plain = unicodedata.normalize("NFC", file).casefold()
+        other, same = written.setdefault(plain, (name, file))
+        if other != name:
+            alike = f" and {same}, which are the same on some file systems" * (same != file)
+            yield (
+                f"contact.{name}: this contact and contact.{other} would both write {file}{alike}; "
+                'rename one of them by name = "…"'
+            )
+
+
+def _partners(scene: Any, contact: Any) -> Iterator[str]:
+    """A contact is between two bodies, or a body and then a rigid partner."""
+    key = f"contact.{contact.called}.bodies"
+    bodies = [body.name for body in scene.body]
+    rigid = [partner.name for partner in scene.rigid]
+    for name in contact.bodies:
+        if name not in bodies and name not in rigid:
+            lists = f"bodies: {', '.join(bodies)}" + f"; rigid: {', '.join(rigid)}" * bool(rigid)
+            yield (
+                f"{key}: there is no body {'or rigid partner ' * bool(rigid)}{name!r}"
+                f"{nearest(name, [*bodies, *rigid])} ({lists})"
+            )
+    first, second = contact.bodies
+    if first == second:
+        yield (
+            f"{key}: names {first!r} twice; a contact is between two bodies, or a body and a "
+            "rigid partner"
+        )
+    if first in rigid and second in rigid:
+        yield f"{key}: {first!r} and {second!r} are both rigid; one of them must be a [[body]]"
+    if first in rigid:
+        yield (
+            f"{key}: {first!r} is rigid and comes second; write bodies = "
+            f'["{second}", "{first}"], on = ["{contact.on[-1]}"]'
+        )
+
+
+def _roles(scene: Any, contact: Any) -> Iterator[str]:
+    """A contact has a group for each body, and a rigid partner none; what has no surface has bonds alone."""
+    key, (first, second) = f"contact.{contact.called}", contact.bodies
+    partner = next((rigid for rigid in scene.rigid if rigid.name == second), None)
+    if partner and len(contact.on) > 1:
+        faces = f", or on = [[{', '.join(contact.on)}]], both" * "".join(contact.on).isdigit()
+        yield (
+            f"{key}.on: {second!r} is rigid and has no boundary groups; write on = "
+            f'["{contact.on[0]}"], the one of {first!r}{faces}'
+        )
+    if not partner and len(contact.on) < 2:
+        yield (
+            f"{key}.on: names a boundary group of {first!r}, and must name one of {second!r}, too; "
+            f'write on = ["{contact.on[0]}", "…"]'
+        )
+    if contact.slave is not None and contact.slave not in contact.bodies:
+        yield (
+            f"{key}.slave: {contact.slave!r} is not a body of this contact"
+            f"{nearest(contact.slave, list(contact.bodies))} (bodies: {first}, {second})"
+        )
+    if partner and (contact.slave or contact.pairing):
+        yield (
+            f"{key}.{'slave' if contact.slave else 'pairing'}: {second!r} is rigid and has no nodes; "
+            f"rows stand at the nodes of {first!r}, so leave this key out"
+        )
+    if partner and not partner.surface and contact.kind != "bonded":
+        yield (
+            f"{key}.kind: {second!r} is a node, which has no surface "
+            'that could be touched; write kind = "bonded", or give it another shape'
+        )
+
+
+def _materials(scene: Any) -> Iterator[str]:
+    """Parts with contacts or foundations have the depth of the others, and all meshes one order."""
+    touched = {name for contact in scene.contact for name in contact.bodies}
+    for body in scene.body:
+        thick = any(one.thickness != 1.0 for one in body.materials)
+        if thick and (body.foundation or body.name in touched):
+            yield (
+                f"body.{body.name}.material.thickness: bodies with contacts or foundations have the depth "
+                "alone; leave it out"
+            )
+    orders = sorted({body.mesh.order for body in scene.body if body.mesh.order})
+    if len(orders) > 1:
+        yield (
+            f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "
+            "would mean different pressures, so give all bodies the same"
+        )
+
+
+def _around_axis(scene: Any) -> Iterator[str]:
+    """Around an axis bonds are pulled and partners pushed along it, and nothing else has another half to show."""
+    if not scene.axisymmetric:
+        if scene.output.mirrored:
+            yield (
+                "output.mirrored: shows the other half of axisymmetric bodies; write axisymmetric = true "
+                "at the top, or leave it out"
+            )
+        return
+    for contact in scene.contact:
+        if contact.pretension and contact.pretension.along[0]:
+            yield (
+                f"contact.{contact.called}.pretension.along: an axisymmetric bond is pulled along y "
+                "only; write along = [0, 1] or [0, -1]"
+            )
+    for rigid in scene.rigid:
+        pushed = "force" if rigid.force and rigid.force[0] else "free"
+        if rigid.turning or 0 in rigid.pushed:
+            yield (
+                f"rigid.{rigid.name}.{'pivot' if rigid.turning else pushed}: an axisymmetric partner is "
+                "pushed along y only and does not turn, because radial forces cancel around the axis"
+            )
+
+
+def _histories(scene: Any) -> Iterator[str]:
+    """Histories exist, and there are load steps for them."""
+    for key, table in tables(scene):
+        name = getattr(table, "history", None)
+        if name is not None and name not in scene.history:
+            yield (
+                f"{key}.history: there is no [history.{name}]{nearest(name, list(scene.history))} "
+                f"(histories: {', '.join(scene.history) or 'none'})"
+            )
+    if scene.time:
+        return
+    for name in scene.history:
+        yield (
+            f"history.{name}: a history needs [time], as in [time], points = "
+            "[1.0, 2.0]; without it all loads act at once"
+        )
+    if scene.output.animation:
+        yield "output.animation: plays load steps, and without [time] there is only one; leave it out"
+
+
+def _pretension(scene: Any, contact: Any) -> Iterator[str]:
+    """The history of a pretension ends after the first load step, and not within a cycle."""
+    name = contact.pretension and contact.pretension.history
+    if not name:
+        return
+    end = scene.history[name].times[-1]
+    ends = f"contact.{contact.called}.pretension.history: [history.{name}] ends"
+    if end <= 0.0:
+        yield (
+            f"{ends} at time {end:g}, before the first load step, so that the force would never "
+            "act; let it end at a later time, or leave it out"
+        )
+    cycle = scene.time.cycle
+    # Each cycle would give the force anew, and let the offset go that the one before has kept.
+    if cycle and cycle.repeat > 1 and cycle.begin < end <= cycle.to:
+        yield (
+            f"{ends} within the cycle from {cycle.begin:g} to {cycle.to:g}; let it end before or later"
+        )
+
+
+def _load_steps(scene: Any) -> Iterator[str]:
+    """The method supports load steps, and cycles end with the loads with which they begin."""
+    if scene.method.for_one:
+        yield (
+            f"time: method.{scene.method.for_one} solves a single load step; several need "
+            'outer = "newton", the default'
+        )
+    yield from scene.time.wrong_cycle(scene.history)
+    if scene.method.target_error:
+        yield (
+            "time: method.target_error is for one load step; refine the meshes by mesh.divisions or "
+            "mesh.refine"
+        )
+
+
+def _heat(bodies: list[Any]) -> Iterator[str]:
+    """Where materials expand, a body has a temperature; others keep that of the state free of stress."""
     expanding = [
         body.name
         for body in bodies
         if any(material.expansions.any() for material in body.materials)
     ]
     if expanding and all(body.temperature is None for body in bodies):
-        raise ValueError(
+        yield (
             f"body.{expanding[0]}.material.expansion: no body has a temperature, so nothing expands; "
             "write temperature = 80.0 (K over the state free of stress) into a [[body]], or leave "
             "expansion out"
         )
-
-
-def check_thickness(bodies: list[Any], touched: set[str]) -> None:
-    """ValueError if a part of a `BodySpec` body with foundations, or with contacts, has a thickness of its own."""
-    for body in bodies:
-        if (body.foundation or body.name in touched) and any(
-            one.thickness != 1.0 for one in body.materials
-        ):
-            raise ValueError(
-                f"body.{body.name}.material.thickness: bodies with contacts or foundations have the depth "
-                "alone; leave it out"
-            )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Annotated, ClassVar, Literal, Self, get_args
 
 import msgspec
@@ -11,19 +12,18 @@ from msgspec.structs import force_setattr
 
 from ddmpi.scene.motions import Motions
 from ddmpi.scene.values import (
+    WHERE,
     Formula,
-    Gap,
     Name,
     NonNegative,
     Number,
+    OfOne,
     On,
     Point,
     Positive,
-    Pretension,
-    Profile,
-    SignedProfile,
     Table,
     joined,
+    no_z,
 )
 from ddmpi.system.numbers import nearest_in
 
@@ -32,6 +32,113 @@ SQUASHED = 1e-6
 
 WHOLE = 1.5
 """A rigid circle is drawn as a whole if bodies may touch it over more than this angle (rad)."""
+
+
+class Profile(Table, frozen=True, kw_only=True):
+    """A number that varies along the contact: linear between points, constant beyond the first and the last.
+
+    With { along = "x", points = [0, 1, 1, 3], values = [0.1, 0.1, 0.3, 0.3] } it jumps from 0.1 to 0.3 at x = 1.
+
+    The arc length is measured along the first body's boundary in `on`, from its start, with the body to the left:
+    counterclockwise around a body, clockwise around a hole. Separate pieces of a boundary have separate starts. A
+    closed boundary starts where its mesh does: at the angle where a ring begins, and in files and geometries where the
+    first line of the group begins. Clamps and the choice of the slave make no difference: nodes of the second body have
+    the arc length of the point that they face.
+
+    Attributes
+    ----------
+    along : a coordinate, or in the plane the arc length along the first body's boundary
+    points : values of it in ascending order; a repeated point is a jump
+    values : the number at each point
+    """
+
+    along: Literal["x", "y", "z", "arc"] = "x"
+    points: list[Number]
+    values: list[NonNegative]
+
+    def __post_init__(self) -> None:
+        if len(self.points) != len(self.values) or not self.points:
+            raise ValueError(
+                f"points and values must be equally many, at least one; "
+                f"got {len(self.points)} points and {len(self.values)} values"
+            )
+        if any(b < a for a, b in zip(self.points, self.points[1:], strict=False)):
+            raise ValueError("points must ascend (a repeated point is a jump)")
+
+    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+        if self.along == "arc":
+            yield 2, "along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
+        if self.along == "z":
+            yield 3, "along", no_z(axisymmetric)
+
+    def position(self, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
+        """Positions (m,) of the contact nodes `xy` (m, d) on the profile, with arc lengths `arc` (m,)."""
+        return arc if self.along == "arc" else xy[:, "xyz".index(self.along)]
+
+    def at(self, xy: np.ndarray, arc: np.ndarray) -> np.ndarray:
+        """Values (m,) at the contact nodes `xy` (m, d) with arc lengths `arc` (m,)."""
+        return np.interp(self.position(xy, arc), self.points, self.values)
+
+
+class SignedProfile(Profile, frozen=True, kw_only=True):
+    """A profile whose values may be negative.
+
+    Attributes
+    ----------
+    values : the number at each point
+    """
+
+    values: list[Number]
+
+
+class Gap(SignedProfile, frozen=True, kw_only=True):
+    """An initial gap: a profile along the contact, or a ``value``, which may follow a history.
+
+    Attributes
+    ----------
+    points, values : of the profile
+    value : a number, a formula or a profile, in place of points and values
+    history : [history.NAME] whose factor multiplies the value
+    """
+
+    points: list[Number] = []
+    values: list[Number] = []
+    value: Number | Formula | SignedProfile | None = None
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if self.value is None:
+            super().__post_init__()
+        elif self.points or self.values:
+            raise ValueError(
+                "value does not go with points and values; write them into it, as in value = "
+                "{ points = […], values = […] }"
+            )
+        if self.value is None and self.history is not None:
+            raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
+
+
+class Pretension(Table, frozen=True, kw_only=True):
+    """The force of a bolt: it is given while its history goes on; after that the bond keeps its offset.
+
+    Attributes
+    ----------
+    force : on the first body, along ``along`` (N, in the plane per unit of depth, around an axis of the whole
+        circumference); positive pulls it towards where ``along`` points
+    along : direction of the force and of the offset, of any length
+    history : [history.NAME] whose factor multiplies the force until its last time, from which on the offset stays;
+        left out, the force is given throughout
+    """
+
+    force: Number
+    along: Point
+    history: Name | None = None
+
+    def __post_init__(self) -> None:
+        if not any(self.along):
+            raise ValueError(
+                "along must not be zero; it is the direction in which the bond is pulled"
+            )
 
 
 class Coulomb(Table, frozen=True, kw_only=True, tag_field="law", tag="coulomb"):
@@ -60,11 +167,14 @@ class NoFriction(Table, frozen=True, kw_only=True, tag_field="law", tag="none"):
     """No friction: there are no tangential forces."""
 
 
+def tag_of(kind: type[Table]) -> str:
+    """How scenes name one of several kinds of a table."""
+    return str(kind.__struct_config__.tag)
+
+
 Friction = Coulomb | Tresca | NoFriction
 
-LAWS = {
-    str(law.__struct_config__.tag): {"law", *law.__struct_fields__} for law in get_args(Friction)
-}
+LAWS = {tag_of(law): {"law", *law.__struct_fields__} for law in get_args(Friction)}
 """The keys of each law of friction."""
 
 
@@ -205,17 +315,32 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
                 "pivot goes with a moment, or with turns = true; leave it out where the partner does not "
                 "turn"
             )
-        both = [
-            axis
-            for axis, moved in enumerate(self.displacement or ())
-            if moved and axis in self.pushed
-        ]
-        if both:
-            what = "a force" if (self.force or (0.0,) * 3)[both[0]] else "freedom to move"
-            raise ValueError(
-                f"along {'xyz'[both[0]]} it has both {what} and a displacement; it is pushed or moved, "
-                "so set one of them to 0"
+        self._check_axes()
+
+    def _check_axes(self) -> None:
+        """ValueError if it is pushed and moved along the same axis."""
+        for axis, moved in enumerate(self.displacement or ()):
+            if moved and axis in self.pushed:
+                what = "a force" if (self.force or (0.0,) * 3)[axis] else "freedom to move"
+                raise ValueError(
+                    f"along {'xyz'[axis]} it has both {what} and a displacement; it is pushed or moved, "
+                    "so set one of them to 0"
+                )
+
+    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+        if self.only_in:
+            shapes = [kind for kind in get_args(Rigid) if kind.surface]
+            others = ", ".join(tag_of(kind) for kind in shapes if kind.only_in != self.only_in)
+            here, there = WHERE[self.only_in], WHERE[5 - self.only_in]
+            yield (
+                self.only_in,
+                "shape",
+                f"a {tag_of(type(self))} is a shape {here}; {there} there are {others}",
             )
+        if "z" in (self.free or ()):
+            yield 3, "free", "there is no z in the plane"
+        if isinstance(self.moment, float | int):
+            yield 2, "moment", "a moment in space has three components, [x, y, z]"
 
     @property
     def pushed(self) -> list[int]:
@@ -250,9 +375,8 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
             and (self.moment or self.force)
             and self.displacement is None
         ):
-            free = list(
-                get_args(Axis)[:dimension]
-            )  # it brings forces to a face, and does not hold it
+            # It brings forces to a face, and does not hold it.
+            free = list(get_args(Axis)[:dimension])
         return msgspec.structs.replace(
             self, displacement=self.displacement or (0.0,) * dimension, free=free
         )

@@ -51,6 +51,9 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
 }
 
 
+FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
+"""Keys whose values may be formulas."""
+
 DEEPEST = 200
 """Deepest nesting of brackets, signs and terms of a formula, a little below Python's own limit."""
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Name, Number, Point, Table
+from ddmpi.scene.values import Name, Number, OfOne, Point, Table, no_z
 from ddmpi.system.numbers import Frame
 
 
@@ -64,6 +64,14 @@ class Motion(Table, frozen=True, kw_only=True):
                 raise ValueError(
                     f'force: acts along {axis}, which is not free; write free = ["{axis}"], or 0 there'
                 )
+
+    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+        if "z" in (self.free or ()):
+            yield 3, "free", no_z(axisymmetric)
+        if self.axis or isinstance(self.moment, tuple):
+            yield 3, "axis" if self.axis else "moment", "in the plane turns are in it"
+        elif self.turn or self.moment:
+            yield 2, "turn", "a turn in space has an axis, as in axis = [0.0, 0.0, 1.0]"
 
     def frame(self, factor: float, dimension: int) -> Frame:
         """Where it leads at a factor of its history; nowhere if it is free."""
@@ -125,62 +133,62 @@ ONLY_FAR = 'bodies move far with motions = "far" in [time] only; write it there,
 """What is said of keys that mean something for far motions alone."""
 
 
-def check_motions(scene: Any) -> None:
-    """ValueError where a `Scene` has motions that do not go with the rest of it."""
+def wrong_motions(scene: Any) -> Iterator[str]:
+    """Why the motions of a `Scene` do not go with the rest of it."""
     movers = {
         f"{kind}.{each.name}": each for kind in ("body", "rigid") for each in getattr(scene, kind)
     }
     moving = {key: parts_of(each.motion) for key, each in movers.items() if each.motion}
     if scene.time is None or scene.time.motions != "far":
-        _refuse_far(scene, moving)
+        yield from _only_far(scene, moving)
         return
     if not moving and all(body.clamp or body.foundation for body in scene.body):
-        raise ValueError(
+        yield (
             "time.motions: no body and no rigid partner has a motion, and clamps hold all bodies; leave "
             'motions = "far" out'
         )
-    _check_method(scene)
+    yield from _beside_far(scene)
     for key, motions in moving.items():
-        _check_motion(key, motions, scene.axisymmetric)
+        yield from _parts(key, motions, scene.axisymmetric)
         if getattr(movers[key], "displacement", None):
-            raise ValueError(f"{key}: has both a motion and a displacement; leave one of them out")
-    _check_partners(scene.rigid)
+            yield (f"{key}: has both a motion and a displacement; leave one of them out")
+    yield from _still_pushed(scene.rigid)
     for contact in scene.contact:
-        _check_contact(contact)
+        yield from _not_sliding(contact)
 
 
-def _refuse_far(scene: Any, moving: Mapping[str, list[Motion]]) -> None:
-    """ValueError if a key is given that means something for far motions alone."""
+def _only_far(scene: Any, moving: Mapping[str, list[Motion]]) -> Iterator[str]:
+    """Keys that mean something for far motions alone."""
     for key in moving:
-        raise ValueError(f"{key}.motion: {ONLY_FAR}; small motions are those of clamps")
+        yield (f"{key}.motion: {ONLY_FAR}; small motions are those of clamps")
     for body in scene.body:
         for k, load in enumerate(body.traction):
             if load.follows:
-                raise ValueError(f"body.{body.name}.traction.{k}.follows: {ONLY_FAR}")
+                yield (f"body.{body.name}.traction.{k}.follows: {ONLY_FAR}")
 
 
-def _check_partners(partners: list[Any]) -> None:
-    """ValueError where a rigid partner is pushed or displaced, and does not move as its motion says."""
+def _still_pushed(partners: list[Any]) -> Iterator[str]:
+    """Rigid partners that are pushed or displaced, and do not move as their motion says."""
     for rigid in partners:
         if rigid.yields or any(rigid.displacement or ()):
-            raise ValueError(
+            yield (
                 f'rigid.{rigid.name}: with time.motions = "far" a partner moves as its motion says, not '
                 "by a displacement, forces or moments; write motion = { shift = […] }"
             )
 
 
-def _check_method(scene: Any) -> None:
-    """ValueError where cycles, derivatives or the kind of compliance do not go with far motions."""
+def _beside_far(scene: Any) -> Iterator[str]:
+    """Cycles, derivatives or a kind of compliance that do not go with far motions."""
     if scene.time.cycle:
-        raise ValueError(
+        yield (
             'time.cycle: does not go with motions = "far"; write the times of all turning points'
         )
     if scene.output.derivatives:
-        raise ValueError(
+        yield (
             'output.derivatives: there are none with time.motions = "far"; leave one of them out'
         )
     if scene.method.compliance not in (None, "explicit"):
-        raise ValueError(
+        yield (
             f'method.compliance: {scene.method.compliance!r} does not go with time.motions = "far", for '
             "which the compliance of all contact nodes is made once; leave it out"
         )
@@ -196,33 +204,29 @@ def _prescribed(motions: list[Motion]) -> set[str]:
     return moved
 
 
-def _check_motion(key: str, motions: list[Motion], axisymmetric: bool) -> None:
-    """ValueError where the parts of a motion of the body or partner `key` do not go with one another."""
+def _parts(key: str, motions: list[Motion], axisymmetric: bool) -> Iterator[str]:
+    """Parts of a motion of the body or partner `key` that do not go with one another."""
     free = [part.free for part in motions if part.free]
     first: set[str] = set(*free[:1])
     moved = _prescribed(motions)
     if axisymmetric and not moved | first <= {"y"}:
-        raise ValueError(
-            f"{key}.motion: axisymmetric bodies shift along y only, as in shift = [0.0, -20.0]"
-        )
+        yield (f"{key}.motion: axisymmetric bodies shift along y only, as in shift = [0.0, -20.0]")
     if len(free) > 1:
-        raise ValueError(
-            f'{key}.motion: has {len(free)} free parts; write one, as in free = ["x", "turn"]'
-        )
+        yield (f'{key}.motion: has {len(free)} free parts; write one, as in free = ["x", "turn"]')
     for axis in sorted(moved & first):
-        raise ValueError(
+        yield (
             f"{key}.motion: prescribes {axis} in one part and frees it in another; leave one of them "
             "out"
         )
     if key.startswith("rigid") and any(part.free and part.axis for part in motions):
-        raise ValueError(
+        yield (
             f"{key}.motion.axis: a rigid partner turns freely about all axes through its pivot; leave "
             "axis out"
         )
 
 
-def _check_contact(contact: Any) -> None:
-    """ValueError where a contact is none of bodies that may slide far."""
+def _not_sliding(contact: Any) -> Iterator[str]:
+    """What a contact has that bodies which slide far cannot have."""
     numbers = msgspec.structs.astuple(contact.friction)
     profiles = not all(isinstance(value, float | int) for value in numbers)
     for key, given, why in (
@@ -232,6 +236,4 @@ def _check_contact(contact: Any) -> None:
         ("friction", profiles, "profiles along a contact are not possible yet"),
     ):
         if given:
-            raise ValueError(
-                f'contact.{contact.called}.{key}: does not go with time.motions = "far": {why}'
-            )
+            yield (f'contact.{contact.called}.{key}: does not go with time.motions = "far": {why}')

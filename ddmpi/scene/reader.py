@@ -14,10 +14,10 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.petsc.harmless import check_petsc
 from ddmpi.scene.keys import name_of, override, parse_value
 from ddmpi.scene.meshes import GEOMETRIES
 from ddmpi.scene.mistakes import explain, explain_syntax
+from ddmpi.scene.petsc import code_of, refuse_reaching
 from ddmpi.scene.scene import FileKind, Scene, Settled
 
 DEEP = re.compile(r"""(?<![\w"'-])(?:[\w"'-]++\s*+\.\s*+){100}""")
@@ -62,33 +62,6 @@ def _set(data: dict, settings: Sequence[str]) -> None:
         ):  # how Python keeps bytes of the command line that are no text
             raise InputError(f"--set {setting!a}: not text in UTF-8")
         override(data, key, parse_value(value))
-
-
-def refuse_reaching(path: str, data: dict) -> str:
-    """Refuse what a scene may not ask for, as whoever starts a run may: PETSc's options that reach beyond it, and code.
-
-    Returns the class that the scene names as method.outer, which is taken out of the data; empty if there is none.
-    Raises InputError for the options.
-    """
-    method, options = data.get("method"), data.get("petsc")
-    try:
-        check_petsc(options if isinstance(options, dict) else {})
-    except ValueError as error:
-        raise InputError(f"{path}: {error}") from None
-    named = method.get("outer") if isinstance(method, dict) else None
-    return (
-        method.pop("outer")
-        if isinstance(method, dict) and isinstance(named, str) and ":" in named
-        else ""
-    )
-
-
-def code_of(named: str) -> str:
-    """What to say of a scene that names a class as method.outer."""
-    return (
-        f'method.outer: "{named}" is code from outside ddmpi, which no scene may start; if you trust it, leave the '
-        f"line out and start with --set method.outer={named}, in Python with outer=…"
-    )
 
 
 def as_data(value: Any, where: str, *key: str) -> Any:

@@ -1,64 +1,26 @@
 """The scene: bodies, rigid partners, contacts and method, as a user writes them, and with all defaults.
 
-`Scene` is the frozen data of a TOML file, and checks that its parts fit together. Other rooms work with `Settled`.
+`Scene` is the frozen data of a TOML file, which `checks` has looked at. Other rooms work with `Settled`.
 """
 
 from __future__ import annotations
 
-import unicodedata
-from collections import Counter
-from collections.abc import Callable, Iterator
 from functools import cached_property
-from typing import Annotated, Any, get_args
+from typing import Annotated
 
 import msgspec
 from msgspec.structs import replace
 
-from ddmpi.errors import nearest
-from ddmpi.scene.bodies import BodySpec, Material, SettledBody, Traction
-from ddmpi.scene.checks import check_heat, check_thickness
+from ddmpi.scene.bodies import BodySpec, SettledBody
+from ddmpi.scene.checks import mistakes
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
 from ddmpi.scene.derivable import refuse_underivable
-from ddmpi.scene.formulas import check_formulas, varies
-from ddmpi.scene.meshes import MeshSpec
-from ddmpi.scene.method import (
-    PRESETS,
-    Checkpoint,
-    Method,
-    Output,
-    SettledMethod,
-    Time,
-    units,
-)
-from ddmpi.scene.motions import Motion, check_motions
-from ddmpi.scene.values import WHERE, History, Name, Number, Table, histories, settle, tables
-from ddmpi.system.files import LONGEST, contact_files
-
-FileKind = Callable[[BodySpec], tuple[int, int]]
-"""Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
-
-EXTENTS = (
-    "size",
-    "divisions",
-    "radii",
-    "angles",
-    "bodies",
-    "on",
-    "young",
-    "poisson",
-    "shear",
-    "expansion",
-    "view",
-)
-"""Keys of lists that are neither places nor vectors."""
-
-FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
-"""Keys whose values may be formulas."""
-
-SURFACES = [shape for shape in get_args(Rigid) if shape.surface]
-"""Shapes of rigid partners that bodies can touch."""
-
-PETScOptions = dict[str, str | int | Number | bool]
+from ddmpi.scene.dimension import FileKind, dimension_of
+from ddmpi.scene.method import PRESETS, Method, SettledMethod
+from ddmpi.scene.output import Checkpoint, Output, units
+from ddmpi.scene.petsc import PETScOptions
+from ddmpi.scene.time import History, Time
+from ddmpi.scene.values import Name, Table, histories, settle
 
 
 class Scene(Table, frozen=True, kw_only=True):
@@ -94,228 +56,8 @@ class Scene(Table, frozen=True, kw_only=True):
     petsc: PETScOptions = {}
 
     def __post_init__(self) -> None:
-        self._check_names()
-        self._check_files()
-        for key, table in tables(self):
-            for name in FORMULAS:
-                check_formulas(f"{key}.{name}", getattr(table, name, None))
-        for contact in self.contact:
-            self._check_partners(contact)
-            self._check_nodes(contact)
-        check_thickness(self.body, {name for contact in self.contact for name in contact.bodies})
-        orders = sorted({body.mesh.order for body in self.body if body.mesh.order})
-        if len(orders) > 1:
-            raise ValueError(
-                f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "
-                "would mean different pressures, so give all bodies the same"
-            )
-        for contact in self.contact:
-            if self.axisymmetric and contact.pretension and contact.pretension.along[0]:
-                raise ValueError(
-                    f"contact.{contact.called}.pretension.along: an axisymmetric bond is pulled along y "
-                    "only; write along = [0, 1] or [0, -1]"
-                )
-        for rigid in self.rigid if self.axisymmetric else ():
-            if 0 in rigid.pushed or rigid.turning:
-                key = (
-                    "pivot"
-                    if rigid.turning
-                    else "force"
-                    if rigid.force and rigid.force[0]
-                    else "free"
-                )
-                raise ValueError(
-                    f"rigid.{rigid.name}.{key}: an axisymmetric partner is pushed along y only and does "
-                    "not turn, because radial forces cancel around the axis"
-                )
-        if self.output.mirrored and not self.axisymmetric:
-            raise ValueError(
-                "output.mirrored: shows the other half of axisymmetric bodies; write axisymmetric = true "
-                "at the top, or leave it out"
-            )
-        self._check_histories()
-        check_motions(self)
-        check_heat(self.body)
-        two = (len(self.body), len(self.rigid), len(self.contact)) == (2, 0, 1)
-        if self.method.for_two and not (two and self.contact[0].kind == "unilateral"):
-            raise ValueError(
-                f"method.{self.method.for_two} is for two supported bodies with one unilateral contact; "
-                "beyond that the published iteration diverges for theta >= 0.02, accelerated or not; use "
-                'outer = "newton", the default'
-            )
-
-    def _check_names(self) -> None:
-        """Bodies and rigid partners share one list of names, contacts have another."""
-        pairs: set[frozenset[str]] = set()
-        sides: dict[frozenset[tuple[str, str]], str] = {}
-        for number, contact in enumerate(self.contact):
-            first, second = contact.bodies
-            if contact.name is None and frozenset(contact.bodies) in pairs:
-                raise ValueError(
-                    f"contact.{number}: a second contact between {first!r} and {second!r} must be named; "
-                    f'add name = "…"'
-                )
-            pairs.add(frozenset(contact.bodies))
-            name, both = (
-                contact.called,
-                frozenset(zip(contact.bodies, (*contact.on, ""), strict=False)),
-            )
-            if both in sides:
-                raise ValueError(
-                    f"contact.{name}: is between the same sides as contact.{sides[both]}; forces and slip "
-                    "bounds of both would add up, so leave one of them out"
-                )
-            sides[both] = name
-        named = {
-            "body": [body.name for body in self.body],
-            "rigid": [rigid.name for rigid in self.rigid],
-            "contact": [contact.called for contact in self.contact],
-        }
-        for key, names in named.items():
-            for name, number in Counter(names).items():
-                if number > 1:
-                    raise ValueError(
-                        f'{key}.{name}: {number} [[{key}]] tables have this name; give each name = "…" of '
-                        "its own"
-                    )
-        for rigid in self.rigid:
-            if rigid.name in named["body"]:
-                raise ValueError(
-                    f"rigid.{rigid.name}: a [[body]] has this name, too; rename one of them, because "
-                    "contacts name both in the same way"
-                )
-
-    def _check_files(self) -> None:
-        """The files of contacts differ, also on file systems that do not distinguish capitals and small letters."""
-        files: dict[str, tuple[str, str]] = {}
-        for name, file in (
-            (contact.called, file)
-            for contact in self.contact
-            for file in contact_files(contact.called)
-        ):
-            if (size := len(file.encode())) > LONGEST:
-                raise ValueError(
-                    f"contact.{name}: is too long for the name of a file; {file} has {size} bytes, and "
-                    f'{LONGEST} are allowed; give the contact a shorter name = "…"'
-                )
-            other, same = files.setdefault(
-                unicodedata.normalize("NFC", file).casefold(), (name, file)
-            )
-            if other != name:
-                alike = f" and {same}, which are the same on some file systems" * (same != file)
-                raise ValueError(
-                    f"contact.{name}: this contact and contact.{other} would both write {file}{alike}; "
-                    'rename one of them by name = "…"'
-                )
-
-    def _check_histories(self) -> None:
-        """Histories exist, and the method supports load steps."""
-        for key, table in tables(self):
-            name = getattr(table, "history", None)
-            if name is not None and name not in self.history:
-                raise ValueError(
-                    f"{key}.history: there is no [history.{name}]{nearest(name, list(self.history))} "
-                    f"(histories: {', '.join(self.history) or 'none'})"
-                )
-        if self.history and self.time is None:
-            raise ValueError(
-                f"history.{next(iter(self.history))}: a history needs [time], as in [time], points = "
-                "[1.0, 2.0]; without it all loads act at once"
-            )
-        if self.output.animation and self.time is None:
-            raise ValueError(
-                "output.animation: plays load steps, and without [time] there is only one; leave it out"
-            )
-        for contact in self.contact:
-            name, cycle = (
-                contact.pretension.history if contact.pretension else None,
-                self.time and self.time.cycle,
-            )
-            end = self.history[name].times[-1] if name else 1.0
-            ends = f"contact.{contact.called}.pretension.history: [history.{name}] ends"
-            if end <= 0.0:
-                raise ValueError(
-                    f"{ends} at time {end:g}, before the first load step, so that the force would never "
-                    "act; let it end at a later time, or leave it out"
-                )
-            # each cycle would give the force anew, and let the offset go that the one before has kept
-            if name and cycle and cycle.repeat > 1 and cycle.begin < end <= cycle.to:
-                raise ValueError(
-                    f"{ends} within the cycle from {cycle.begin:g} to {cycle.to:g}; let it end before or "
-                    "later"
-                )
-        if self.time is None:
-            return
-        if self.method.for_one:
-            raise ValueError(
-                f"time: method.{self.method.for_one} solves a single load step; several need "
-                'outer = "newton", the default'
-            )
-        self.time.check_cycle(self.history)
-        if self.method.target_error:
-            raise ValueError(
-                "time: method.target_error is for one load step; refine the meshes by mesh.divisions or "
-                "mesh.refine"
-            )
-
-    def _check_nodes(self, contact: ContactSpec) -> None:
-        """What has no surface has bonds alone."""
-        nodes = [one.name for one in self.rigid if not one.surface]
-        if contact.bodies[1] in nodes and contact.kind != "bonded":
-            raise ValueError(
-                f"contact.{contact.called}.kind: {contact.bodies[1]!r} is a node, which has no surface "
-                'that could be touched; write kind = "bonded", or give it another shape'
-            )
-
-    def _check_partners(self, contact: ContactSpec) -> None:
-        """A contact is between two bodies, or a body and then a rigid partner, with a group for each body."""
-        key, bodies = f"contact.{contact.called}", {body.name: body for body in self.body}
-        rigid = [partner.name for partner in self.rigid]
-        for name in contact.bodies:
-            if name not in bodies and name not in rigid:
-                lists = f"bodies: {', '.join(bodies)}" + f"; rigid: {', '.join(rigid)}" * bool(
-                    rigid
-                )
-                raise ValueError(
-                    f"{key}.bodies: there is no body {'or rigid partner ' * bool(rigid)}{name!r}"
-                    f"{nearest(name, [*bodies, *rigid])} ({lists})"
-                )
-        first, second = contact.bodies
-        if first == second:
-            raise ValueError(
-                f"{key}.bodies: names {first!r} twice; a contact is between two bodies, or a body and a "
-                "rigid partner"
-            )
-        if first in rigid and second in rigid:
-            raise ValueError(
-                f"{key}.bodies: {first!r} and {second!r} are both rigid; one of them must be a [[body]]"
-            )
-        if first in rigid:
-            raise ValueError(
-                f"{key}.bodies: {first!r} is rigid and comes second; write bodies = "
-                f'["{second}", "{first}"], on = ["{contact.on[-1]}"]'
-            )
-        if second in rigid and len(contact.on) > 1:
-            raise ValueError(
-                f"{key}.on: {second!r} is rigid and has no boundary groups; write on = "
-                f'["{contact.on[0]}"], the one of {first!r}'
-                + (f", or on = [[{', '.join(contact.on)}]], both" * "".join(contact.on).isdigit())
-            )
-        if second in bodies and len(contact.on) < 2:
-            raise ValueError(
-                f"{key}.on: names a boundary group of {first!r}, and must name one of {second!r}, too; "
-                f'write on = ["{contact.on[0]}", "…"]'
-            )
-        if contact.slave is not None and contact.slave not in contact.bodies:
-            raise ValueError(
-                f"{key}.slave: {contact.slave!r} is not a body of this contact"
-                f"{nearest(contact.slave, list(contact.bodies))} (bodies: {first}, {second})"
-            )
-        if second in rigid and (contact.slave or contact.pairing):
-            raise ValueError(
-                f"{key}.{'slave' if contact.slave else 'pairing'}: {second!r} is rigid and has no nodes; "
-                f"rows stand at the nodes of {first!r}, so leave this key out"
-            )
+        for mistake in mistakes(self):
+            raise ValueError(mistake)
 
     def settled(self, file_kind: FileKind | None = None) -> Settled:
         """The scene with all defaults.
@@ -328,21 +70,11 @@ class Scene(Table, frozen=True, kw_only=True):
         Raises ValueError for a ``method.target_error`` with elements that lock, for mesh files of different orders, and
         for different dimensions in one scene; and the errors of `file_kind`.
         """
-        dimension = self._dimension(file_kind)
+        dimension = dimension_of(self, file_kind)
         method = self.method.settled(
             refinable=self.time is None and all(body.mesh.refinable for body in self.body)
         )
-        locking = [body for body in self.body if method.target_error and body.locking_ratio]
-        named = next((body.mesh.order for body in self.body if body.mesh.order), None)
-        if locking and named == 1:
-            raise ValueError(
-                f"body.{locking[0].name}: linear elements lock at nu = {locking[0].locking_ratio:g}; "
-                "estimates of their error cannot be trusted, and no method.target_error can be met; leave "
-                "mesh.order out or set it to 2"
-            )
-        preset = PRESETS.get(method.preset or "", {}).get("order")
-        order, bodies, aimed = self._order(named or preset, method.target_error, file_kind)
-        order = 2 if locking else order
+        order, bodies, aimed = self._order(method, file_kind)
         bonded = {contact.bodies[1] for contact in self.contact if contact.kind == "bonded"}
         scene = settle(
             self,
@@ -361,136 +93,23 @@ class Scene(Table, frozen=True, kw_only=True):
             refuse_underivable(scene.resolved())
         return scene
 
-    def _dimension(self, file_kind: FileKind | None) -> int:
-        """Number of coordinates of all places and vectors. Raises ValueError if it differs within the scene."""
-        given: list[tuple[str, Any, int]] = [
-            (f"body.{body.name}.mesh.shape", body.mesh.shape, body.mesh.dimension)
-            for body in self.body
-            if body.mesh.dimension
-        ]
-        given += [(key, list(value), len(value)) for key, value in _vectors(self)]
-        if not given and file_kind:
-            given = [
-                (
-                    f"body.{body.name}.mesh.{'file' if body.mesh.file else 'geometry'}",
-                    body.mesh.file or body.mesh.geometry,
-                    file_kind(body)[0],
-                )
-                for body in self.body
-            ]
-        first, value, dimension = given[0] if given else ("", "", 2)
-        where = {
-            d: f"{words}{f', as {first} = {value}' * bool(first)}" for d, words in WHERE.items()
-        } | ({2: "around an axis, as axisymmetric = true"} if self.axisymmetric else {})
-        for number, key, what in self._misplaced():
-            if number != dimension:
-                raise ValueError(f"{key}: {what}; this scene is {where[dimension]}")
-        for key, other, number in given:
-            if number != dimension:
-                raise ValueError(
-                    f"{key}: {other} is {WHERE[number]}, and {first} = {value} is {WHERE[dimension]}; a "
-                    "scene has plane shapes and lists [x, y], or solid ones and lists [x, y, z]"
-                )
-        return dimension
-
-    def _misplaced(self) -> Iterator[tuple[int, str, str]]:
-        """Keys of one dimension only: the dimension, the key, and the reason."""
-        for rigid in self.rigid:
-            if rigid.only_in:
-                others = [
-                    shape.__struct_config__.tag
-                    for shape in SURFACES
-                    if shape.only_in != rigid.only_in
-                ]
-                yield (
-                    rigid.only_in,
-                    f"rigid.{rigid.name}.shape",
-                    (
-                        f"a {rigid.__struct_config__.tag} is a shape {WHERE[rigid.only_in]}; {WHERE[5 - rigid.only_in]} "
-                        f"there are {', '.join(others)}"
-                    ),
-                )
-            if "z" in (rigid.free or ()):
-                yield 3, f"rigid.{rigid.name}.free", "there is no z in the plane"
-            if isinstance(rigid.moment, float | int):
-                yield (
-                    2,
-                    f"rigid.{rigid.name}.moment",
-                    "a moment in space has three components, [x, y, z]",
-                )
-        for name in ("view", "cut"):
-            if getattr(self.output, name) not in (None, True, False):
-                yield (
-                    3,
-                    f"output.{name}",
-                    "only pictures of solids have a view and a cut; leave it out",
-                )
-        if self.axisymmetric:
-            yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"
-        what = (
-            "nothing is twisted around the axis"
-            if self.axisymmetric
-            else "there is no z in the plane"
-        )
-        for key, table in tables(self):
-            along = getattr(table, "along", "")  # of a profile
-            if along == "arc":
-                yield (
-                    2,
-                    f"{key}.along",
-                    'surfaces have no arc length; take a coordinate, such as along = "x"',
-                )
-            if isinstance(table, Traction) and table.moment is not None and self.axisymmetric:
-                yield 3, f"{key}.moment", what
-            elif isinstance(table, Traction) and isinstance(table.moment, float):
-                yield 2, f"{key}.moment", "in space a moment is [Mx, My, Mz]"
-            if isinstance(table, Motion):
-                yield from ((3, f"{key}.free", what) for axis in table.free or () if axis == "z")
-                if table.axis or isinstance(table.moment, tuple):
-                    yield (
-                        3,
-                        f"{key}.{'axis' if table.axis else 'moment'}",
-                        "in the plane turns are in it",
-                    )
-                elif table.turn or table.moment:
-                    yield (
-                        2,
-                        f"{key}.turn",
-                        "a turn in space has an axis, as in axis = [0.0, 0.0, 1.0]",
-                    )
-            if isinstance(table, Material):
-                yield from (
-                    (number, f"{key}.{name}", words)
-                    for number, name, words in table.of_one_dimension(self.axisymmetric)
-                )
-            uses_z = {name: varies(getattr(table, name, None), "z") for name in FORMULAS} | {
-                "z": getattr(table, "z", None) is not None,
-                "z_slope": bool(getattr(table, "z_slope", None)),
-                "along": along == "z",
-            }
-            yield from ((3, f"{key}.{name}", what) for name, used in uses_z.items() if used)
-        bodies = {body.name: body for body in self.body}
-        for contact in self.contact:
-            planes = [(name, bodies[name].plane) for name in contact.bodies if name in bodies]
-            if len({plane for _, plane in planes}) > 1:
-                (one, its), (other, theirs) = planes
-                yield (
-                    3,
-                    f"contact.{contact.called}.bodies",
-                    (
-                        f"{one!r} is in plane {its} and {other!r} in plane {theirs}; they cannot touch, so give both the "
-                        "same material.plane"
-                    ),
-                )
-
     def _order(
-        self, chosen: int | None, target: float | None, file_kind: FileKind | None
+        self, method: SettledMethod, file_kind: FileKind | None
     ) -> tuple[int, list[BodySpec], str]:
-        """The order that is `chosen`, else 2 for a `target`, else that of the files; and the bodies, with what the target
-        has changed in words."""
-        if chosen or not target:
-            return chosen or self._order_of_files(file_kind), self.body, ""
-        return 2, *_halved(self.body)
+        """The order of the elements; and the bodies, with what a target has changed in words."""
+        named = next((body.mesh.order for body in self.body if body.mesh.order), None)
+        chosen = named or PRESETS.get(method.preset or "", {}).get("order")
+        target = method.target_error
+        locking = next((body for body in self.body if target and body.locking_ratio), None)
+        if locking and named == 1:
+            raise ValueError(
+                f"body.{locking.name}: linear elements lock at nu = {locking.locking_ratio:g}; "
+                "estimates of their error cannot be trusted, and no method.target_error can be met; leave "
+                "mesh.order out or set it to 2"
+            )
+        if target and not chosen:
+            return 2, *_halved(self.body)
+        return 2 if locking else chosen or self._order_of_files(file_kind), self.body, ""
 
     def _order_of_files(self, file_kind: FileKind | None) -> int:
         """The order that all mesh files have; 1 if there are none, or none can be read. Raises ValueError if they differ."""
@@ -522,28 +141,11 @@ def _halved(bodies: list[BodySpec]) -> tuple[list[BodySpec], str]:
     if not shapes or files or any(k % 2 or k < 4 for mesh in shapes for k in mesh.divisions or ()):
         return bodies, words
 
-    def half(mesh: MeshSpec) -> MeshSpec:
-        return (
-            replace(mesh, divisions=tuple(k // 2 for k in mesh.divisions))
-            if mesh.divisions
-            else mesh
-        )
-
-    return [replace(body, mesh=half(body.mesh)) for body in bodies], (
-        f"{words}; shapes begin with half their divisions"
-    )
-
-
-def _vectors(scene: Scene) -> Iterator[tuple[str, tuple]]:
-    """All places and vectors within a scene, each with its key."""
-    for key, table in tables(scene):
-        for name in table.__struct_fields__:
-            value = getattr(table, name)
-            if isinstance(value, tuple) and name not in EXTENTS:
-                yield from (
-                    (f"{key}.{name}", part)
-                    for part in (value if isinstance(value[0], tuple) else [value])
-                )
+    halved = list[BodySpec]()
+    for body in bodies:
+        divisions = body.mesh.divisions and tuple(k // 2 for k in body.mesh.divisions)
+        halved.append(replace(body, mesh=replace(body.mesh, divisions=divisions)))
+    return halved, f"{words}; shapes begin with half their divisions"
 
 
 class Settled(Table, frozen=True, kw_only=True, dict=True):

@@ -92,11 +92,12 @@ def _spaced(text: str) -> list[str]:
     if int(number) < 2 or (log and min(a, b) <= 0):
         return []
     spaced = np.geomspace(a, b, int(number)) if log else np.linspace(a, b, int(number))
+    # Twelve digits give 0.3, not 0.30000000000000004.
     return [
         first,
         *(f"{value:.12g}" for value in spaced[1:-1]),
         last,
-    ]  # 0.3, not 0.30000000000000004
+    ]
 
 
 def _is_number(text: str) -> bool:

@@ -73,6 +73,7 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     nothing to draw, or too much.
     """
     import matplotlib.pyplot as plt
+    from matplotlib.ticker import LogFormatter
 
     plot = f"{result}:{key}"
     points = _points(rows, result, key, plot)
@@ -101,16 +102,20 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
             bbox_to_anchor=(1.0, 1.0),
             alignment="left",
         )
-    if not words and _crowds([row[key] for row in points]):
-        axes.set_xscale("log")
-    if _crowds([row[result] for row in points]):
-        axes.set_yscale("log")
+    for name, scale, axis in (
+        (key, axes.set_xscale, axes.xaxis),
+        (result, axes.set_yscale, axes.yaxis),
+    ):
+        if not (words and name == key) and _crowds([row[name] for row in points]):
+            scale("log")
+            axis.set_major_formatter(LogFormatter())
+            axis.set_minor_formatter(LogFormatter())
     axes.grid(True, which="major", color="#e3e3e3")
     axes.set(xlabel=_label(key, summary), ylabel=_label(result, summary))
     missing = len(rows) - len(points)
     left_out = f", {missing} without a certified answer left out" * bool(missing)
     title = f"{summary['title']}\n{len(points)} cases{left_out}"
-    axes.set_title(title.strip().replace("$", r"\$"))  # no formula
+    axes.set_title(title.strip())
     return figure
 
 

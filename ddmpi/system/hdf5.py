@@ -5,6 +5,7 @@ This module is loaded by that process and imports neither MPI nor PETSc.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import tempfile
 from collections.abc import Callable
@@ -30,7 +31,7 @@ def read_apart(path: Path, work: Callable[..., Any], label: str, *more: Any) -> 
         if path.exists() and not path.is_file():
             raise InputError("it is no file")
         with tempfile.TemporaryDirectory() as folder:
-            return apart(Path(folder).resolve(), work, path.resolve(), *more)
+            return apart(Path(folder).resolve(), _checked, path.resolve(), work, *more)
     except ChildProcessError as error:
         raise InputError(f"{label}reading it ends the process ({error})") from None
     except InputError as error:
@@ -38,36 +39,53 @@ def read_apart(path: Path, work: Callable[..., Any], label: str, *more: Any) -> 
 
 
 def probe(path: Path) -> None:
-    """Refuse a file that this process cannot read without a crash; what else is wrong with it, its reader says. Not
-    collective. Raises InputError."""
+    """Refuse a file that this process cannot read without a crash, or whose data lie elsewhere; what else is wrong with
+    it, its reader says. Not collective. Raises InputError."""
     if path.exists():
         read_apart(path, _walk, f"{path}: not a complete folder of results: ")
 
 
 def _walk(path: Path) -> None:
-    """Read all of a file, as its readers do. Raises InputError."""
+    """Read all of a file, as its readers do."""
+    import h5py
+
+    with contextlib.suppress(Exception), h5py.File(path, "r") as file:  # raised where it is read
+        tree(file)
+
+
+def _checked(path: Path, work: Callable[..., Any], *more: Any) -> Any:
+    """What `work` makes of a file, unless the arrays of this would fill the memory, or lie in other files: a folder of
+    results would hand these on. Raises InputError, and what `work` raises."""
     import h5py
 
     try:
-        with h5py.File(path, "r") as file:
-            refuse_inflated(file, path)
-            tree(file)
-    except InputError:
-        raise
-    except Exception:  # raised again where it is read
-        return
-
-
-def refuse_inflated(file: Any, path: Path) -> None:
-    """Raise InputError where a small file stands for arrays that would fill the memory."""
-    import h5py
-
+        file = h5py.File(path, "r")
+    except OSError:
+        return work(path, *more)  # which says what is wrong
     sizes = [0]
-    file.visititems(
-        lambda _, entry: sizes.append(entry.nbytes) if isinstance(entry, h5py.Dataset) else None
-    )
+
+    def look(_: str, entry: Any) -> None:
+        away = False
+        if isinstance(entry, h5py.Dataset):
+            sizes.append(entry.nbytes)
+            away = entry.is_virtual or bool(entry.external)
+        elif isinstance(entry, h5py.Group):
+            links = [entry.get(name, getlink=True) for name in entry]
+            away = any(isinstance(link, h5py.ExternalLink) for link in links)
+        if away:
+            raise InputError("its data lie in other files")
+
+    with file:
+        try:
+            look("", file)
+            file.visititems(look)
+        except InputError:
+            raise
+        except Exception as error:
+            raise InputError(f"{type(error).__name__} {error}") from None
     if sum(sizes) > INFLATED * path.stat().st_size:
         raise InputError(f"it holds arrays of {sum(sizes):.2g} bytes in {path.stat().st_size}")
+    return work(path, *more)
 
 
 def tree(entry: Any) -> Any:
@@ -87,10 +105,7 @@ def read_tree(path: Path) -> Any:
 
     try:
         with h5py.File(path, "r") as file:
-            refuse_inflated(file, path)
             return tree(file)
-    except InputError:
-        raise
     except Exception as error:
         why = "there is no" if isinstance(error, KeyError) else type(error).__name__
         raise InputError(f"{why} {error}".partition("\n")[0][:200]) from None

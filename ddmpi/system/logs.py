@@ -60,7 +60,7 @@ def _give_up(handler: logging.Handler, message: str) -> None:
 
 def printable(text: str) -> str:
     """The text with characters that control a screen, such as NUL, in words; lines stay."""
-    return re.sub(r"[\x00-\x09\x0b-\x1f\x7f]", lambda match: repr(match[0])[1:-1], text)
+    return re.sub(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", lambda match: repr(match[0])[1:-1], text)
 
 
 def encodable(text: str, stream: IO[str]) -> str:

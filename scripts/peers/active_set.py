@@ -87,9 +87,8 @@ def iterate(
 
 def by_clamps(case: Case) -> Answer:
     size, d, (first, second) = case.load.size, 3, case.pairs.T
-    dofs = d * first[:, None] + np.arange(
-        d
-    )  # of relative displacements in the frames, which replace those along axes
+    # Relative displacements in the frames replace those along the axes.
+    dofs = d * first[:, None] + np.arange(d)
     others, bodily = np.setdiff1d(np.arange(size), dofs), np.flatnonzero(second >= 0)
     parts = [(others, others, np.ones(len(others)))]
     for c in range(d):
@@ -100,9 +99,8 @@ def by_clamps(case: Case) -> Answer:
     K, f = (T.T @ stiffness(case) @ T).tocsr(), T.T @ case.load
     held = np.zeros(size, bool)
     held[case.clamped] = True
-    held[dofs] = (np.isin(dofs, case.clamped)[:, None] & (np.abs(case.frame) > 0.5)).any(
-        axis=2
-    )  # what lies along
+    # A clamp holds the component that lies along its axis.
+    held[dofs] = (np.isin(dofs, case.clamped)[:, None] & (np.abs(case.frame) > 0.5)).any(axis=2)
     v = np.zeros(size)
 
     def step(closed: np.ndarray, law: Law) -> tuple[np.ndarray, np.ndarray]:
@@ -124,9 +122,8 @@ def by_clamps(case: Case) -> Answer:
             (size, size),
         )
         R.eliminate_zeros()
-        M = (R @ K - sparse.csr_matrix((E.ravel(), at), (size, size)))[
-            free
-        ]  # S (f − K v) + E v = g
+        # The step solves S (f − K v) + E v = g.
+        M = (R @ K - sparse.csr_matrix((E.ravel(), at), (size, size)))[free]
         v[free] = solve(M[:, free].tocsr(), (R @ f)[free] - M @ v)
         s = np.where(closed[:, None], (f - K @ v)[dofs], 0.0)
         s[:, 1:] *= case.friction > 0.0

@@ -106,9 +106,8 @@ def at_nodes(case: Case) -> Answer:
     height = np.einsum("mc,mc->m", case.normal, case.points[case.pairs[:, 0]]) + case.gap
     _, level, count = np.unique(np.round(height / size, 9), return_inverse=True, return_counts=True)
     guess = np.abs(case.load.reshape(-1, d) @ case.axis).sum() / case.young / count[level]
-    model.set_variable(
-        "normal", -guess
-    )  # the load on each joint: without it friction holds nothing at first
+    # The load on each joint: without it friction holds nothing at first.
+    model.set_variable("normal", -guess)
     steps = iterate(model)
     t = model.variable("tangential").reshape(m, -1).T if case.friction else np.zeros((d - 1, m))
     return answer_of(

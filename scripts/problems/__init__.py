@@ -150,7 +150,7 @@ class SideMeans(NamedTuple):
 def side_means(state: ContactState) -> SideMeans:
     """Of nodal pressures: by Simpson's rule on quadratic sides, of both ends on linear ones."""
     interface, p = state.interface, state.pressure
-    start, end, *middle = interface.facets.T
+    start, end, *middle = interface.geometry.facets.T
     mean = (p[start] + 4 * p[middle[0]] + p[end]) / 6 if middle else (p[start] + p[end]) / 2
     a, b = interface.xy[start], interface.xy[end]
     return SideMeans((a + b) / 2, np.linalg.norm(b - a, axis=1), mean)

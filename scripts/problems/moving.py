@@ -220,9 +220,8 @@ def gear_theory() -> tuple[float, float]:
     """Largest stiffness of a pair of teeth by ISO 6336-1 (N/(mm µm)), without its factor for measured gears, and the
     loss of power over μ by the formula of ISO/TR 14179 (u = 1, ε₁ = ε₂)."""
     z, ra = 20, 33.0
-    stiff = 0.975 / (
-        0.04723 + 0.15551 / z + 0.25791 / z
-    )  # basic rack with a dedendum of 1.25 modules
+    # The basic rack has a dedendum of 1.25 modules.
+    stiff = 0.975 / (0.04723 + 0.15551 / z + 0.25791 / z)
     part = z / (2.0 * np.pi) * (np.sqrt((ra / BASE) ** 2 - 1.0) - np.tan(np.radians(20.0)))  # ε₁
     return stiff, 2.0 * np.pi / z * (1.0 - 2.0 * part + 2.0 * part**2)
 
@@ -485,7 +484,7 @@ def torque(order: int, n: int) -> tuple[float, float, Answer]:
     )
     state = answer.contacts["block-plate"]
     moment = state.moment[2] - np.cross([0.5, 0.5, 0.0], state.force)[2]
-    arms = np.linalg.norm(state.interface.at[0][:, :2] - 0.5, axis=1)
+    arms = np.linalg.norm(state.interface.geometry.at[0][:, :2] - 0.5, axis=1)
     slid = answer_of(solid({"shift": [0.6, 0.3, 0.0]}, order, n)).summary
     _, x, y, z = forces(slid, 1.2).T
     ratio = float(-moment / (FRICTION * (arms * state.normal_force).sum()))

@@ -57,14 +57,13 @@ def with_nodes(
     """`hertz_values` of a quarter, and how far the pressures at nodes, D_j⁻¹ ∫ p φ_j, are in L2 from those of Hertz at
     the nodes, and from what his pressure itself has for them, its means with the hats φ_j as weights."""
     values, curve = hertz_values(state, 4, modulus, radius, ALLOWED[int(order)])
-    xy, facets, K = state.interface.xy[:, :2], state.interface.facets, 12
+    xy, facets, K = state.interface.xy[:, :2], state.interface.geometry.facets, 12
     i, j = np.divmod(np.arange(K * K), K)
     inner = np.concatenate(
         [np.column_stack([i, j])[i + j < K] + 1 / 3, np.column_stack([i, j])[i + j < K - 1] + 2 / 3]
     )
-    hats = np.column_stack(
-        [inner / K, 1.0 - inner.sum(axis=1) / K]
-    )  # at the middles of K² parts of a facet
+    # Values are taken at the middles of K² parts of a facet.
+    hats = np.column_stack([inner / K, 1.0 - inner.sum(axis=1) / K])
 
     def hertz(places: np.ndarray) -> np.ndarray:
         return np.interp(np.linalg.norm(places, axis=-1), curve.exact_x, curve.exact, right=0.0)
@@ -324,9 +323,9 @@ def sheared_solids(n: int, order: Order, folder: Path) -> Results:
             tolerance=TIGHT,
         )
         state = answer.contacts["upper-lower"]
-        frame = state.interface.frame[state.interface.sliding, 1:]
+        tangents = state.interface.tangents[state.interface.sliding]
         friction, slip = (
-            np.einsum("ktd,kt->kd", frame, each[state.interface.sliding])
+            np.einsum("ktd,kt->kd", tangents, each[state.interface.sliding])
             for each in (state.shear, state.slip)
         )
         values |= {

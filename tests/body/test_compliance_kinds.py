@@ -96,6 +96,7 @@ def choices() -> Iterator[tuple[int, int, float, int, str, str]]:
         thin = int((ratio * 70_000) ** (1 / 3))
         yield 70_000, thin, np.inf, d, "explicit", ""
         yield 70_000, thin + 10, np.inf, d, "direct", f"{thin + 10} contact unknowns"
+        # Thin bodies beyond memory: factors alone are small.
         yield (
             30_000,
             15_000,
@@ -103,7 +104,7 @@ def choices() -> Iterator[tuple[int, int, float, int, str, str]]:
             d,
             "direct",
             "",
-        )  # thin bodies beyond memory: factors alone are small
+        )
     n, k = int(LARGEST_CONDENSED[0]), 2000  # factors in space take time with n²
     yield n, 5000, np.inf, 3, "explicit", ""
     yield n + 1, 5000, np.inf, 3, "iterative", str(n + 1)

@@ -209,9 +209,8 @@ def test_water_behind_a_leaning_dam(order, pressure):
     mesh, weight, H, lean = dam(order), 9810.0, 40.0, 5.0
     f = nodal_loads(mesh, body(traction=[Traction(on="left", pressure=pressure)]))
     assert f.sum(axis=0) == pytest.approx([weight * H**2 / 2, -weight * H * lean / 2], rel=1e-13)
-    about = (
-        -weight * H**3 / 6 - weight * H * lean**2 / 6
-    )  # p acts at y along x; the water's wedge rests at lean / 3
+    # P acts at y along x; the water's wedge rests at lean / 3.
+    about = -weight * H**3 / 6 - weight * H * lean**2 / 6
     assert moment(mesh, f) == pytest.approx(about, rel=1e-13)
 
 
@@ -226,9 +225,8 @@ def test_formulas_on_curved_triangles_and_sides():
     )
     assert np.abs(f - g).max() <= 1e-14 * np.abs(g).max()
     f = nodal_loads(mesh, body(volume_force=("(x**2 + y**2)**2", 1.0)))
-    assert f.sum(axis=0) == pytest.approx(
-        [np.pi / 2 * (2**6 - 1) / 6, np.pi / 4 * 3], rel=1e-5
-    )  # sides are parabolas
+    # Sides are parabolas, so that circles are met up to 1e-5.
+    assert f.sum(axis=0) == pytest.approx([np.pi / 2 * (2**6 - 1) / 6, np.pi / 4 * 3], rel=1e-5)
 
 
 @pytest.mark.parametrize(
@@ -268,8 +266,7 @@ def test_point_clamps_that_determine_the_position_carry_nothing():
     u = solve(mesh, spec)
     reaction = sum_stiffness(mesh, STEEL).mult(u) - nodal_loads(mesh, spec)
     assert np.abs(reaction).max() <= 1e-9 * problem.load
-    strain = np.linalg.lstsq(mesh.points, u, rcond=None)[
-        0
-    ]  # the same pressure everywhere: all of it contracts alike
+    # The same pressure everywhere: all of it contracts alike.
+    strain = np.linalg.lstsq(mesh.points, u, rcond=None)[0]
     bulk = -3e6 * (1 + 0.3) * (1 - 2 * 0.3) / STEEL.young
     assert np.abs(strain - bulk * np.eye(2)).max() <= 1e-9 * abs(bulk)

@@ -1,5 +1,7 @@
 """Why a body's stiffness is too singular for double precision: the cause that is named is the one that is there."""
 
+import meshio
+import numpy as np
 import pytest
 from scenes import COULOMB, rectangle
 
@@ -45,3 +47,24 @@ def test_the_true_cause_is_named(name):
         ddmpi.solve(scene)
     others = {other for _, other in CAUSES.values()} - {words}
     assert not [other for other in others if other in str(caught.value)]
+
+
+def test_materials_that_differ_too_much_are_named(tmp_path):
+    """A stiff half on a soft one moves as if nothing held it."""
+    points = np.array([[0, 0], [1, 0], [0, 0.5], [1, 0.5], [0, 1], [1, 1]])
+    cells = np.array([[0, 1, 3], [0, 3, 2], [2, 3, 5], [2, 5, 4]])
+    tags = [np.array([1, 2]), np.array([3, 3, 4, 4])]
+    meshio.Mesh(
+        np.pad(points, ((0, 0), (0, 1))),
+        [("line", np.array([[0, 1], [4, 5]])), ("triangle", cells)],
+        cell_data={"gmsh:physical": tags, "gmsh:geometrical": tags},
+        field_data={
+            name: np.array([k, 1 + (k > 2)])
+            for k, name in enumerate(("bottom", "top", "low", "up"), 1)
+        },
+    ).write(tmp_path / "two.msh", file_format="gmsh22", binary=False)
+    halves = [{"on": "low", "young": 0.02}, {"on": "up", "young": 2e11}]
+    scene = block(material=[half | {"poisson": 0.3} for half in halves])
+    scene["body"][0]["mesh"] = {"file": str(tmp_path / "two.msh")}
+    with pytest.raises(SolverError, match=r"Young's modulus is 1e\+13 times the smallest"):
+        ddmpi.solve(scene)

@@ -143,10 +143,11 @@ def test_an_iterative_solve_is_no_more_precise_than_it_is_asked_to_be():
         problem.b.duplicate(),
         [],
     )
+    # The solver knows the solution of a load that it has had.
     load, random = (
         problem.b.duplicate(),
         np.random.default_rng(0),
-    )  # of a load that it knows, it knows the solution
+    )
     for relative, least, most in ((1e-2, 1e-5, 2e-2), (0.0, 0.0, 1e-8), (1e-5, 1e-8, 2e-5)):
         load.array[:] = random.standard_normal(load.size)
         solver.solve(load, u, relative)
@@ -388,9 +389,8 @@ def test_one_factorization_gives_the_compliance_and_solves(route, petsc_options,
     assert bool(refused) == (solver.condensed is None)
     if solver._factors:
         assert np.abs(np.triu(solver.condensed) - np.triu(C)).max() <= 1e-12 * np.abs(C).max()
-        assert (solver._factors._data.infog[6] == 1) == (
-            route == "own order"
-        )  # ICNTL(7) as it was used
+        # INFOG(7) is ICNTL(7) as it was used.
+        assert (solver._factors._data.infog[6] == 1) == (route == "own order")
         for f in (problem.b.array_r, B[3].toarray()[0]):  # many entries and one
             found, moved = B @ solver._factors.solve(f), B @ spsolve(to_scipy(problem.A).tocsc(), f)
             assert np.abs(found - moved).max() <= 1e-12 * np.abs(moved).max()

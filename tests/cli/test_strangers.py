@@ -11,12 +11,15 @@ import made_up
 import pytest
 import scenes
 from crash import crash
+from decks import STEEL, grid, step
 from scenes import call, pinched_blocks, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.pictures.script import digest, our_digest
 from ddmpi.results import checkpoint
 from ddmpi.system import hdf5
+
+BOX = grid("A", (2, 1, 1), (2.0, 1.0, 1.0))
 
 
 @pytest.fixture
@@ -132,6 +135,75 @@ def test_a_small_file_stands_for_no_large_array(folder):
         file.create_dataset("huge", (10**11,), "f8", chunks=(1000,))
     with pytest.raises(InputError, match=r"it holds arrays of 8e\+11 bytes"):
         hdf5.probe(folder / "result.h5")
+
+
+def _stored(file, name, array, other):
+    file.create_dataset(name, array.shape, array.dtype, external=[(other, 0, array.nbytes)])
+
+
+def _linked(file, name, array, other):
+    file[name] = h5py.ExternalLink(other, "theirs")
+
+
+def _linked_group(file, name, array, other):
+    file[name] = array
+    file.create_group("more")["theirs"] = h5py.ExternalLink(other, "/")
+
+
+def _virtual(file, name, array, other):
+    layout = h5py.VirtualLayout(array.shape, array.dtype)
+    layout[...] = h5py.VirtualSource(other, "theirs", array.shape)
+    file.create_virtual_dataset(name, layout)
+
+
+@pytest.mark.parametrize("elsewhere", [_stored, _linked, _linked_group, _virtual])
+def test_data_in_other_files_are_not_handed_on(folder, elsewhere):
+    """A view would have the bytes of a file of the user's, or of another run of his, which whoever made the folder names."""
+    other = folder.parent / "theirs.h5"
+    with h5py.File(folder / "result.h5", "r+") as file, h5py.File(other, "w") as theirs:
+        array = file["displacement"][()]
+        theirs["theirs"] = array
+        del file["displacement"]
+        elsewhere(file, "displacement", array, str(other))
+    for command in ("report", "view", "figures"):
+        run = call(command, str(folder))
+        assert run.code == 2 and "its data lie in other files" in run.messages[0]
+    with pytest.raises(InputError, match="its data lie in other files"):
+        hdf5.read_apart(folder / "result.h5", hdf5.read_tree, "")
+    (folder / "result.h5").rename(folder / "plate.med")
+    scene = pinched_blocks(1)
+    scene["body"][0]["mesh"] = {"file": "plate.med"}
+    run = call("check", str(write_scene(scene, folder / "scene.toml")))
+    assert run.code == 2 and "its data lie in other files" in run.messages[0]
+
+
+@pytest.mark.parametrize("name", ["b$x_{$", "c$\\bad$", "<b>$"])
+def test_names_are_no_formulas(tmp_path, name):
+    """A picture shows them as they are, also where matplotlib would take them for formulas that it cannot read."""
+    scene = pinched_blocks(1) | {"title": f"of {name} and $^$"}
+    scene["body"][0]["name"] = scene["contact"][0]["bodies"][0] = name
+    path = str(write_scene(scene, tmp_path / "scene.toml"))
+    for command, picture in ("check", "bodies.png"), ("run", "convergence.png"):
+        out = tmp_path / command
+        run = call(command, path, "--output", str(out))
+        assert run.code == 0 and (out / picture).exists(), (run.messages, os.listdir(out))
+
+
+def test_a_deck_controls_no_terminal(tmp_path):
+    """Names that it prints have their control characters in words, those beyond ASCII too."""
+    deck = (
+        BOX.replace("A_Z0", "A\x1b[2J\x9b0m") + STEEL + "*SOLID SECTION, ELSET=A, MATERIAL=STEEL\n"
+    )
+    deck += "*SURFACE, NAME=\x1b]0;x\x07\n1, S1\n2, S4\n*BOUNDARY\nA_X0, 1, 3\n"
+    deck += (
+        "*SURFACE, NAME=B\n2, S6\n"
+        + "*TIE, NAME=T\n\x1b]0;x\x07, B\n"
+        + step("*DLOAD", "1, P1, 1.")
+    )
+    (tmp_path / "deck.inp").write_text(deck)
+    run = call("import", str(tmp_path / "deck.inp"), "--output", str(tmp_path / "new"), "--partial")
+    said = run.stdout + run.stderr
+    assert run.code == 0 and "\\x1b]0;x" in said and not re.search("[\x1b\x07\x9b]", said)
 
 
 def test_decks_that_include_each_other_have_an_end(tmp_path):

@@ -12,6 +12,7 @@ from by_skfem import to_scipy
 import ddmpi.coupling.member
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.coupling.member import Member
+from ddmpi.interface.interface import Places
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 
@@ -75,8 +76,7 @@ def touch(
         dimension=2,
         size=m + len(sliding),
         m=m,
-        nodes=(nodes, nodes),
-        transfer=(identity, identity),
+        rows=Places((nodes, nodes), directions[:m], np.zeros(m), (identity, identity)),
         directions=directions,
         sliding=sliding,
         side=lambda body: 0,

@@ -65,6 +65,27 @@ def test_a_reference_node_of_several_faces_is_one_rigid_body(tmp_path, sets):
     )
 
 
+@pytest.mark.parametrize("apart", [False, True])
+def test_two_ends_of_a_body_are_one_rigid_body(tmp_path, apart):
+    """Both ends of a bar that is held in the middle have the motion of their node: parallel faces are no plane, whether
+    they are one set or two."""
+    deck = grid("A", (4, 1, 1), (4.0, 1.0, 1.0)) + STEEL + SECTION + "*NODE\n900, 2., 0.5, 0.5\n"
+    deck += "*NSET, NSET=MID\n3, 8, 13, 18\n*NSET, NSET=ENDS\nA_X0, A_X1\n*BOUNDARY\nMID, 1, 3\n"
+    sets = RIGID.format("A_X0") + RIGID.format("A_X1") if apart else RIGID.format("ENDS")
+    deck += sets + step("*CLOAD", "900, 3, 100.")
+    assert imported(tmp_path, deck)[0]["rigid"][0]["shape"] == "node"
+    answer = solved(tmp_path, deck)
+    fields, moved = answer.bodies["A"], answer.summary["rigid"]["rigid"]
+    for end in (0.0, 4.0):
+        at = np.isclose(fields.points[:, 0], end)
+        turned = np.cross(moved["turn"], fields.points[at] - [2.0, 0.5, 0.5])
+        size = np.abs(fields.displacement).max()
+        assert fields.displacement[at] == pytest.approx(
+            moved["displacement"] + turned, abs=0.05 * size
+        )
+        assert fields.displacement[at][:, 2].mean() > 0.5 * size
+
+
 def test_a_given_motion_is_that_of_all_faces(tmp_path):
     """A reference node with all six displacements moves the faces of both bodies by one rigid motion."""
     moved = ("900, 1, 2", "900, 3, 3, 0.01", "900, 4, 4", "900, 5, 5, 0.002", "900, 6, 6")
@@ -255,6 +276,8 @@ SAME = [
     ("*DENSITY", "*CONDUCTIVITY\n50.\n*SPECIFIC HEAT\n4.5E8\n*DAMPING, ALPHA=1.\n*DENSITY"),
     ("*END STEP", "*END STEP\n*STEP, PERTURBATION\n*FREQUENCY\n10\n*BOUNDARY\nA_X1, 1\n*END STEP"),
     ("*END STEP", "*END STEP\n*STEP\n*BUCKLE\n10\n*CLOAD\nA_X1, 1, 1.\n*END STEP"),
+    ("*END STEP", "*FILM, OP=NEW\n*DFLUX\nA, BF, 1.\n*CFLUX\nA_Z1, 11, 1.\n*RADIATE\n*END STEP"),
+    ("*STEP", "** a\x0cb \x85c \u2028 d\n*STEP"),
 ]
 
 
@@ -474,6 +497,51 @@ def test_nodes_on_the_axes_of_a_cylinder_are_held_with_the_others(tmp_path, part
     assert clamp == {"on": "guided", "normal": 0.0}
 
 
+def bush(parts: int) -> str:
+    """A quarter of a ring of CPE8, between radii 1 and 2, whose outer face slides on a cylinder."""
+    angles = np.linspace(0.0, np.pi / 2, 2 * parts + 1)
+    at = {
+        (i, k): 3 * k + i + 1 for k in range(len(angles)) for i in range(3) if i != 1 or k % 2 == 0
+    }
+    text = "*NODE\n" + "".join(
+        f"{node}, {(1 + i / 2) * np.cos(angles[k])!r}, {(1 + i / 2) * np.sin(angles[k])!r}\n"
+        for (i, k), node in at.items()
+    )
+    text += "*ELEMENT, TYPE=CPE8, ELSET=A\n"
+    for e in range(parts):
+        corners = (0, 0), (2, 0), (2, 2), (0, 2), (1, 0), (2, 1), (1, 2), (0, 1)
+        nodes = [at[i, 2 * e + k] for i, k in corners]
+        text += ", ".join(map(str, [e + 1, *nodes])) + "\n"
+    for name, nodes in {
+        "OUT": [at[2, k] for k in range(len(angles))],
+        "X": [at[i, 0] for i in (0, 1, 2)],
+        "Y": [at[i, 2 * parts] for i in (0, 1, 2)],
+    }.items():
+        text += f"*NSET, NSET={name}\n" + "".join(f"{node},\n" for node in nodes)
+    text += "*TRANSFORM, NSET=OUT, TYPE=C\n0, 0, 0, 0, 0, 1\n" + STEEL + SECTION
+    ends = f"{at[2, 0]}, 2\n{at[2, 2 * parts]}, 2\n{at[0, 0]}, 2\n{at[1, 0]}, 2\n"
+    ends += f"{at[0, 2 * parts]}, 1\n{at[1, 2 * parts]}, 1\n"
+    load = [f"{e + 1}, P4, 100." for e in range(parts)]
+    return text + f"*BOUNDARY\nOUT, 1\n{ends}" + step("*DLOAD", *load)
+
+
+def test_a_curved_face_slides_on_a_cylinder(tmp_path):
+    """Three curved elements on a quarter; the bore grows as by Lamé's formula, u = B (1/r − r/4)."""
+    grown = solved(tmp_path, bush(3)).summary["bodies"]["A"]["displacement_max"]
+    assert grown == pytest.approx(0.75 * 100.0 * 1.3 * 0.4 / (0.65 * 210000.0), rel=0.03)
+    assert [clamp["on"] for clamp in imported(tmp_path, bush(3))[0]["body"][0]["clamp"]].count(
+        "guided"
+    ) == 1
+
+
+@pytest.mark.parametrize("deck, turn", [(ring(3), 30), (ring(2), 45), (bush(1), 90)])
+def test_faces_too_coarse_for_a_cylinder(tmp_path, deck, turn):
+    """Their normals are not the directions at their nodes: the message says by how much these turn."""
+    deck = deck if "*STEP" in deck else deck + "*BOUNDARY\nIN, 1\n" + step("*DLOAD", "1, P2, 1.")
+    words = f"turns by {turn} degrees over a face; a finer mesh is needed"
+    assert words in refused(tmp_path, deck)
+
+
 def turned_part(place: str, way: str = "*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n") -> str:
     """A part of an orthotropic material, in an instance at a place, with an orientation of its own."""
     material = "*MATERIAL, NAME=WOOD\n*ELASTIC, TYPE=ENGINEERING CONSTANTS\n10., 1., 1., 0., 0., 0., 1., 1.,\n1.\n"
@@ -524,6 +592,17 @@ def test_each_part_has_orientations_of_its_own(tmp_path):
     deck = deck.replace("I.A_X0, 1, 3\n", "I.A_X0, 1, 3\nJ.A_X0, 1, 3\n")
     bodies = {body["name"]: body["material"] for body in imported(tmp_path, deck)[0]["body"]}
     assert "axes" not in bodies["I"] and bodies["J"]["axes"][0] == [0.0, 1.0, 0.0]
+
+
+def test_a_set_of_an_instance_is_no_other_set(tmp_path):
+    """A name with that of an instance before it means no set of the whole assembly, or of another instance."""
+    deck = turned_part("").replace(
+        "*END ASSEMBLY", "*NSET, NSET=FREE, INSTANCE=I\n1\n*END ASSEMBLY"
+    )
+    assert imported(tmp_path, deck.replace("*STEP", "*BOUNDARY\nFREE, 1\n*STEP"))
+    assert "there is no set I.FREE" in refused(
+        tmp_path, deck.replace("*STEP", "*BOUNDARY\nI.FREE, 1\n*STEP")
+    )
 
 
 def test_a_body_that_nothing_names_has_a_boundary(tmp_path):

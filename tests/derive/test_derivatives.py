@@ -44,9 +44,8 @@ def check(
 ):
     """The answer with derivatives, once these are those of differences, and gradients those of the derivatives by all
     keys; `sizes` of the numbers that are zero."""
-    every = [
-        key for key in derivable(plain(scene)) if key != "body.shaft.clamp.0.x"
-    ]  # an axis cannot move
+    # An axis cannot move, so there is no derivative by its clamp.
+    every = [key for key in derivable(plain(scene)) if key != "body.shaft.clamp.0.x"]
     answer = ddmpi.solve(with_derivatives(scene, every if gradients else [*sizes]), overrides=TIGHT)
     assert answer.certified, answer.reason
     entries = answer.summary["derivatives"]

@@ -20,8 +20,7 @@ from ddmpi.interface.law import BondedLaw
 from ddmpi.interface.trace import trace
 from ddmpi.methods.krylov import Linearised
 from ddmpi.scene.bodies import Clamp
-from ddmpi.scene.contacts import Coulomb, NoFriction, Plane
-from ddmpi.scene.values import Profile
+from ddmpi.scene.contacts import Coulomb, NoFriction, Plane, Profile
 
 LAW = BondedLaw(4, np.array([0, 2, 3]), 1)
 

@@ -88,9 +88,8 @@ def test_clamps_that_push_bodies_into_each_other_are_named(swapped, below, order
         "into each other by 0.006",
     ):
         assert words in said
-    assert (
-        blocks(left(x=0.0, y=0.005), left(x=0.0, y=0.001), below, order, swapped=swapped) == ""
-    )  # they part
+    # Sides that part contradict nothing.
+    assert blocks(left(x=0.0, y=0.005), left(x=0.0, y=0.001), below, order, swapped=swapped) == ""
 
 
 @meshes
@@ -130,9 +129,10 @@ def test_a_bond_must_not_be_torn(x, y, gap, said, below):
     found = blocks(left(x=x, y=y), left(x=0.0, y=0.0), below, kind="bonded", gap=gap)
     assert said in found and bool(found) == bool(said)
     assert ("they tear the bond apart by" in found) == bool(said)
+    # Without a bond they may slide.
     assert blocks(left(x=x, y=y), left(x=0.0, y=0.0), below) == (
         "" if y >= 0.0 else blocks(left(x=0.0, y=y), left(x=0.0, y=0.0), below)
-    )  # without a bond they may slide
+    )
 
 
 @meshes
@@ -142,9 +142,8 @@ def test_what_clamps_leave_free_contradicts_nothing(below):
         assert blocks(left(x=0.0), left(x=0.0, y=1.0), below, kind=kind) == ""
         assert blocks(left(x=0.0, y=-1.0), left(x=0.0), below, kind=kind) == ""
     assert blocks(left(y=-1.0), left(y=0.0), below) != ""  # along y they cannot, whatever x does
-    assert (
-        blocks(left(y=-1.0), left(y=0.0), below, angle=0.1) == ""
-    )  # along the normal they can, a little
+    # Along the normal they can, a little.
+    assert blocks(left(y=-1.0), left(y=0.0), below, angle=0.1) == ""
     said = blocks(left(x=0.1, y=-1.0), left(x=0.0, y=0.0), below, angle=0.1)
     assert "prescribes x = 0.1, body.upper.clamp.0 on 'left' prescribes y = -1, and" in said
     closing = np.cos(0.1) + 0.1 * np.sin(0.1)
@@ -201,9 +200,8 @@ def test_a_rigid_partner_that_moves_into_clamped_nodes_is_refused(U, said):
     )
     every = np.tile(np.eye(2), (len(boundary.xy), 1, 1))
     free = replace(boundary, clamps=np.full_like(boundary.clamps, -1), free=every)
-    refuse_contradiction(
-        interface, [replace(movers[0], side=free), movers[1]], times
-    )  # the body can give way
+    # A body whose nodes are free can give way.
+    refuse_contradiction(interface, [replace(movers[0], side=free), movers[1]], times)
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.0])
@@ -233,9 +231,8 @@ def test_clamps_along_normals_that_push_bodies_into_each_other(below, angle):
             movers.append(Mover(contact_side(mesh, mesh.facets(on), held, name, 1.0), [clamp]))
         interface = join(*(mover.side for mover in movers), NoFriction(), "seam")
         if below == 6:
-            assert (
-                interface.m == 3 and len(interface.fixed.gap) == 4
-            )  # the pairs that both sides hold carry no row
+            # The pairs that both sides hold carry no row.
+            assert interface.m == 3 and len(interface.fixed.gap) == 4
         try:
             refuse_contradiction(interface, movers, NOW)
         except InputError as error:

@@ -155,7 +155,7 @@ def test_clamped_nodes_drop_out():
     assert contact.xy[:, 0] == pytest.approx(np.linspace(0.5, 3.0, 6))
     assert contact.area.sum() == pytest.approx(2.75)
     assert np.array_equal(contact.sliding, np.arange(6))
-    assert all(len(x) == 6 for x in (*contact.nodes, contact.frame, contact.gap))
+    assert all(len(x) == 6 for x in (*contact.rows.nodes, contact.tangents, contact.gap))
     assert joined(contact).tolist() == [True] * 5
     assert held_beside(contact) == pytest.approx([1 / 0.5, 0, 0, 0, 0, 0], abs=1e-12)
 
@@ -211,7 +211,7 @@ def test_quadratic_edges_with_a_node_without_unknowns_are_left_out():
     for x, left in ((1.5, 4), (1.25, 5)):
         held = {"where": lambda at, y, x=x: at == x, "x": True, "y": True}
         contact = interface_of(*blocks(order=2), COULOMB, held, held)
-        assert len(contact.facets) == left and contact.m == 12
-        assert contact.xy[contact.facets[:, :2]].mean(axis=1) == pytest.approx(
-            contact.xy[contact.facets[:, 2]]
+        assert len(contact.geometry.facets) == left and contact.m == 12
+        assert contact.xy[contact.geometry.facets[:, :2]].mean(axis=1) == pytest.approx(
+            contact.xy[contact.geometry.facets[:, 2]]
         )

@@ -90,7 +90,9 @@ def test_a_constant_pressure_has_the_nodal_forces_of_both_bodies(x, divisions, s
     sides = blocks(*divisions, order, x)
     contact = met(sides, slave=slave)
     low, high = max(0.0, x), min(2.0, 2.0 + x)
-    for boundary, nodes, transfer in zip(sides, contact.nodes, contact.transfer, strict=True):
+    for boundary, nodes, transfer in zip(
+        sides, contact.rows.nodes, contact.rows.transfer, strict=True
+    ):
         lengths = nodal_lengths(boundary, low, high)
         assert contact.area @ transfer == pytest.approx(
             [lengths[node] for node in nodes.tolist()], abs=1e-13
@@ -189,13 +191,12 @@ def test_the_far_side_of_a_ring_is_no_partner(order):
             contact = met(
                 (side(wheel, *groups, body="ring"), side(block, "top", body="block")), slave=slave
             )
-            assert np.hypot(*(wheel.points[contact.nodes[0]] - [0.0, 1.001]).T) == pytest.approx(
-                1.0, abs=6e-3
-            )
-            assert wheel.points[contact.nodes[0], 1].max() < 0.6
-            assert contact.gap.min() == pytest.approx(
-                1e-3, abs=5e-3
-            )  # a mean over two sides of 10°
+            assert np.hypot(
+                *(wheel.points[contact.rows.nodes[0]] - [0.0, 1.001]).T
+            ) == pytest.approx(1.0, abs=6e-3)
+            assert wheel.points[contact.rows.nodes[0], 1].max() < 0.6
+            # The gap is a mean over two sides of 10°.
+            assert contact.gap.min() == pytest.approx(1e-3, abs=5e-3)
 
 
 def walls(divisions: int, order: int) -> Side:
@@ -317,7 +318,7 @@ def test_forces_at_the_nodes_have_the_resultant_and_the_moment(seed, slave, orde
     assert force == pytest.approx(state.force, abs=1e-12 * size)
     own, other = (
         float((at[:, 0] * f[:, 1] - at[:, 1] * f[:, 0]).sum())
-        for at, f in zip(contact.at, (state.forces, state.forces), strict=True)
+        for at, f in zip(contact.geometry.at, (state.forces, state.forces), strict=True)
     )
     assert state.moment == pytest.approx(own, abs=1e-14 * size)
     assert state.moment_imbalance[0] == pytest.approx(abs(other - own), abs=1e-12 * size)
@@ -335,7 +336,7 @@ def test_nodes_that_face_nothing_are_no_lines(part, order):
         x = contact.lines.xy[:, 0]
         assert (contact.lines.area > 0.0).all() and len(x) == contact.m == 3 * order + 1
         assert x.max() == pytest.approx(2.0 - 0.25 * part, abs=1e-12)
-        assert len(contact.facets) == 3 and len(contact.lines.facets) == 3 * order
+        assert len(contact.geometry.facets) == 3 and len(contact.lines.facets) == 3 * order
         assert np.abs(np.diff(x[contact.lines.facets])).max() <= 0.25 / order + 1e-9
 
 

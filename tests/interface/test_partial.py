@@ -43,14 +43,14 @@ def test_a_brick_on_two_bricks(order):
         assert joined(contact).all() and held_beside(contact) == pytest.approx(0.0, abs=1e-12)
         assert len(contact.fixed.gap) == 0 and not contact.gap.any()
         assert contact.normal == pytest.approx(np.tile([0.0, -1.0], (contact.m, 1)))
-        assert len(contact.facets) == 2
+        assert len(contact.geometry.facets) == 2
         if order == 2:
-            assert contact.xy[contact.facets[:, :2]].mean(axis=1) == pytest.approx(
-                contact.xy[contact.facets[:, 2]]
+            assert contact.xy[contact.geometry.facets[:, :2]].mean(axis=1) == pytest.approx(
+                contact.xy[contact.geometry.facets[:, 2]]
             )
     total = dict.fromkeys(lower.nodes.tolist(), 0.0)
     for contact in contacts:
-        for node, length in zip(contact.nodes[1].tolist(), contact.area, strict=True):
+        for node, length in zip(contact.rows.nodes[1].tolist(), contact.area, strict=True):
             total[node] += length
     assert list(total.values()) == pytest.approx(lower.area)
 
@@ -81,15 +81,15 @@ def test_a_contact_of_one_node(order):
     assert (contact.m, contact.xy.tolist()) == (1, [[2.0, 1.0]])
     assert contact.area == pytest.approx([(0.25 + 0.5) / 2 / order])
     assert contact.normal == pytest.approx(np.array([[0.0, -1.0]]))
-    assert held_beside(contact) == 0.0 and len(contact.facets) == 0
+    assert held_beside(contact) == 0.0 and len(contact.geometry.facets) == 0
     assert (
-        contact.pointwise
+        contact.geometry.pointwise
         and contact.lines.area.tolist() == [0.0]
         and contact.shares.tolist() == [1.0]
     )
     assert not met(
         side(brick(1.0, 1.0, order), "bottom"), side(brick(0.0, order=order), "top")
-    ).pointwise
+    ).geometry.pointwise
 
 
 @pytest.mark.parametrize(
@@ -128,7 +128,7 @@ def test_a_half_ring_in_a_ring(order):
         swapped = met(side(outer, "inner"), side(inner, "outer"))
         assert sorted(swapped.area) == pytest.approx(sorted(contact.area))
         assert (
-            swapped.laplacian.nnz - swapped.m
+            swapped.geometry.laplacian.nnz - swapped.m
         ) == 2 * 12 * order  # a closed chain begins somewhere
-        assert contact.laplacian[0, contact.m - 1] == 0.0
-        assert len(swapped.facets) == 12
+        assert contact.geometry.laplacian[0, contact.m - 1] == 0.0
+        assert len(swapped.geometry.facets) == 12

@@ -6,8 +6,7 @@ from boundaries import join, pair, rectangle, ring, side, touch, turned, uncover
 
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.contacts import Coulomb, Plane, SignedProfile
-from ddmpi.scene.values import Profile
+from ddmpi.scene.contacts import Coulomb, Plane, Profile, SignedProfile
 from ddmpi.surface.side import Side
 
 LENGTH = 3.0
@@ -44,9 +43,9 @@ def along(contact: Interface, angle: float = 0.0) -> np.ndarray:
 
 def check(contact: Interface, expected: np.ndarray, tolerance: float = 1e-9) -> None:
     """Arc lengths, the friction and the gap that follow from them."""
-    assert contact.arc == pytest.approx(expected, abs=tolerance)
-    assert contact.law.coefficient == pytest.approx(contact.arc[contact.sliding])
-    assert contact.gap == pytest.approx(-contact.arc)
+    assert contact.geometry.arc == pytest.approx(expected, abs=tolerance)
+    assert contact.law.coefficient == pytest.approx(contact.geometry.arc[contact.sliding])
+    assert contact.gap == pytest.approx(-contact.geometry.arc)
 
 
 @orders
@@ -116,7 +115,7 @@ def test_a_closed_chain_starts_where_the_mesh_starts(numbers, begin, slave, orde
             angle[angle > 2 * np.pi - 1e-6] = 0.0
             perimeter = first.lengths.sum()
             check(found, perimeter * angle / (2 * np.pi), 0.02 * perimeter / min(numbers))
-            assert (angle.min(), found.arc[np.argmin(angle)]) == pytest.approx(
+            assert (angle.min(), found.geometry.arc[np.argmin(angle)]) == pytest.approx(
                 (0.0, 0.0), abs=1e-12
             )
 
@@ -146,7 +145,7 @@ def test_every_chain_counts_from_its_own_start():
         inside = np.abs(contact.xy[:, 0] - 1.5) >= 0.5
         expected = np.where(contact.xy[:, 0] < 1.5, contact.xy[:, 0], contact.xy[:, 0] - 2.0)
         assert contact.m - inside.sum() <= 2
-        assert contact.arc[inside] == pytest.approx(expected[inside])
+        assert contact.geometry.arc[inside] == pytest.approx(expected[inside])
 
 
 @orders

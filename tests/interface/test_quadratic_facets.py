@@ -32,7 +32,7 @@ def test_forces_act_at_the_vertices(above, below, scale):
     """Any force at a row has its moment about any axis, on both bodies: a row measures linear motions exactly."""
     contact = seam(above, below, scale)
     assert contact.m == (above[0] + 1) * (above[1] + 1)
-    for at in contact.at:
+    for at in contact.geometry.at:
         assert np.abs(at[:, :2] - contact.xy[:, :2]).max() < 1e-12 * scale
     assert contact.area.sum() == pytest.approx(scale**2, rel=1e-12)
 

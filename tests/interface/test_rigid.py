@@ -7,8 +7,7 @@ from boundaries import held_beside, joined, rectangle, ring, side, touch
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import check_overlap
 from ddmpi.interface.trace import displacement_trace
-from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane
-from ddmpi.scene.values import Profile
+from ddmpi.scene.contacts import Circle, Coulomb, NoFriction, Plane, Profile
 
 COULOMB = Coulomb(coefficient=0.3)
 FLOOR = Plane(name="floor", point=(7.0, 0.0), normal=(0.0, 2.0))
@@ -41,14 +40,14 @@ def test_a_block_above_a_floor(order):
     assert contact.bodies == ("body", "floor")
     assert contact.gap == pytest.approx(np.full(contact.m, 0.25), rel=1e-14)
     assert np.array_equal(contact.normal, np.tile([0.0, -1.0], (contact.m, 1)))
-    assert np.array_equal(contact.frame[:, 1], np.tile([1.0, 0.0], (contact.m, 1)))
+    assert np.array_equal(contact.tangents[:, 0], np.tile([1.0, 0.0], (contact.m, 1)))
     assert contact.area == pytest.approx(boundary.area, rel=1e-14)
-    assert np.array_equal(contact.nodes[0], boundary.nodes) and len(contact.nodes[1]) == 0
-    assert contact.transfer[1].shape == (contact.m, 0)
+    assert np.array_equal(contact.rows.nodes[0], boundary.nodes) and len(contact.rows.nodes[1]) == 0
+    assert contact.rows.transfer[1].shape == (contact.m, 0)
     assert contact.modulus == boundary.modulus
     assert contact.one_sided.all() and joined(contact).all()
     assert (contact.size, contact.law.name) == (2 * contact.m, "coulomb")
-    assert len(contact.facets) == 6
+    assert len(contact.geometry.facets) == 6
 
 
 def test_rounding_is_no_gap():
@@ -117,9 +116,8 @@ def test_the_distance_from_a_disc():
     assert contact.m == 13  # 1.5 aside of a centre 1 below: 56°
     small = Circle(name="roller", center=(1.5, -0.5), radius=0.5)
     contact = touch(side(block((12, 2)), "bottom"), small, COULOMB, "seam")
-    assert contact.xy[:, 0] == pytest.approx(
-        [0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25]
-    )  # up to 60°: 0.866 aside
+    # Nodes up to 60° face the disc, 0.866 aside.
+    assert contact.xy[:, 0] == pytest.approx([0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.25])
     assert contact.area == pytest.approx([0.125, *[0.25] * 5, 0.125])
     assert joined(contact).all() and held_beside(contact) == pytest.approx(0.0, abs=1e-12)
 
@@ -185,13 +183,11 @@ def test_nodes_that_clamps_hold_along_the_normal_carry_no_row():
     slope = touch(
         boundary, Plane(name="slope", point=(0.0, 0.0), normal=(0.1, 1.0)), COULOMB, "seam"
     )
-    assert (
-        len(slope.fixed.gap) == len(slope.probes.gap) == 1
-    )  # it can still move a little along the normal
+    # The node can still move a little along the normal.
+    assert len(slope.fixed.gap) == len(slope.probes.gap) == 1
     assert len(slope.probes.nodes[0]) == 1 and len(slope.probes.nodes[1]) == 0
-    boundary = side(
-        block(), "bottom", where=lambda x, y: x == 0.0, x=True
-    )  # held along the tangent only
+    # A node that is held along the tangent alone keeps its normal row.
+    boundary = side(block(), "bottom", where=lambda x, y: x == 0.0, x=True)
     contact = touch(boundary, moving, COULOMB, "seam")
     assert (contact.m, contact.sliding.tolist()) == (7, [1, 2, 3, 4, 5, 6])
     assert "all nodes of the contact are clamped" in refused(

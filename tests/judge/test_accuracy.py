@@ -8,6 +8,7 @@ import pytest
 import solids
 from mpi4py import MPI
 from scenes import (
+    beside_clamps,
     certified,
     drawn_roller,
     pinched_blocks,
@@ -413,7 +414,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     )
     assert done.code == 0, done.output
     warning = "upper: no estimate: linear elements lock at nu = 0.4999; write mesh.order = 2"
-    assert done.summary["warnings"] == [warning] and done.output.count(warning) == 1
+    assert beside_clamps(done.summary["warnings"]) == [warning] and done.output.count(warning) == 1
     assert "estimated discretization error" not in done.output
     error = done.summary["discretization_error"]
     assert error["energy_norm"] is None and error["levels"][0]["error"] is None
@@ -433,7 +434,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
         "body.upper.mesh.order=2",
     )
     assert 0.0 < quadratic.summary["discretization_error"]["energy_norm"] < 0.3
-    assert quadratic.summary["warnings"] == []
+    assert beside_clamps(quadratic.summary["warnings"]) == []
 
 
 def test_target_is_met_and_told(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 import scenes
 import scipy.sparse as sparse
 
-from ddmpi.interface.interface import Interface
+from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw
 from ddmpi.interface.state import ContactState, contact_state
 from ddmpi.judge.certificate import (
@@ -41,22 +41,24 @@ S, U, LOAD, OFF = 2e6, 0.7e-3, 1e7, 1e-2
 def contact(gap: np.ndarray = GAP, law: Law | None = None) -> Interface:
     """Four nodes at x = 1, 2, 3, 4 below the first body."""
     nodes, alone = np.arange(4), sparse.identity(4, format="csr")
-    law = law or CoulombLaw(4, nodes, 1, np.full(4, 0.5))
+    law, xy = (
+        law or CoulombLaw(4, nodes, 1, np.full(4, 0.5)),
+        np.column_stack([nodes + 1.0, np.zeros(4)]),
+    )
     return Interface(
         name="seam",
         bodies=("upper", "lower"),
-        xy=np.column_stack([nodes + 1.0, np.zeros(4)]),
-        frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (4, 1, 1)),
-        area=np.full(4, 0.5),
-        gap=gap.copy(),
-        nodes=(nodes, nodes),
-        transfer=(alone, alone),
+        geometry=Geometry(
+            xy=xy,
+            tangents=np.tile([1.0, 0.0], (4, 1, 1)),
+            area=np.full(4, 0.5),
+            at=(xy, xy),
+            facets=np.empty((0, 2), int),
+            laplacian=sparse.csr_matrix((4, 4)),
+        ),
+        rows=Places((nodes, nodes), np.tile([0.0, -1.0], (4, 1)), gap.copy(), (alone, alone)),
         law=law,
         modulus=1e11,
-        facets=np.empty((0, 2), int),
-        laplacian=sparse.csr_matrix((4, 4)),
-        one_sided=np.zeros(law.size, bool),
-        displacement=np.zeros(2),
     )
 
 

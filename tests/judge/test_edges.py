@@ -7,11 +7,12 @@ import pytest
 from scenes import COULOMB, FLOOR, certified, rectangle
 from solid_scenes import box
 
-from ddmpi.judge.edges import BOGY, Ends, mismatch
+from ddmpi.judge.edges import BOGY, Ends, mismatch, pinned_angle
 from ddmpi.judge.plausible import _in_thin_cell, _singular
 from ddmpi.mesh.mesh import Mesh
 
 SOFT, STEEL = 1e9, 2e11
+ROLLERS = [{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}]
 
 
 def scene(
@@ -25,7 +26,7 @@ def scene(
 ) -> dict:
     """A block of 1 m height, pressed on one of 3 m, from x = `at` on; `halved` by a plane of symmetry at x = 0."""
     upper = rectangle("upper", (at, 1.0), (width, 1.0), (int(8 * width), 4), young=young[0])
-    lower = rectangle("lower", (0.0, 0.0), (3.0, 1.0), (24, 4), young=young[1], clamp=["bottom"])
+    lower = rectangle("lower", (0.0, 0.0), (3.0, 1.0), (24, 4), young=young[1], clamp=ROLLERS)
     upper["traction"] = [{"on": "top", "pressure": 1e6}]
     for body in (upper, lower):
         body["mesh"]["order"] = order
@@ -83,7 +84,7 @@ def test_finite_stresses_are_not_told(about):
 def test_right_angles_on_a_rigid_plane_are_not_told(friction):
     """A block between two moved sides: its pressure is finite there without friction."""
     block = rectangle("block", (0.0, 0.0), (2.0, 1.0), (8, 4))
-    block["clamp"] = [{"on": "top", "y": -1e-4, "x": "1e-5 * x"}]
+    block["clamp"] = [{"on": "top", "y": -1e-4}, {"on": "left", "x": 0.0}]
     contact = {"bodies": ["block", "floor"], "on": ["bottom"], **friction}
     assert told({"body": [block], "rigid": [FLOOR], "contact": [contact]}) == []
 
@@ -120,6 +121,69 @@ def test_edges_of_solids_are_told(bonded):
     what = "at the end of the bond" if bonded else "at a sharp edge of upper in contact"
     assert len(found) == 2 and all(what in each for each in found), found
     assert found[0].split(" at (")[1].startswith(("1, ", "0.", "0, 1"))  # none at (0, 0, 1)
+
+
+@pytest.mark.parametrize("stress", [False, True])
+def test_corners_of_clamps_from_williams_equation(stress):
+    """The exponent λ of the stress r^(λ − 1) at a clamped and a free side, by bisection: singular from the angle on
+    that is told, and hardly so just below it."""
+
+    def exponent(angle: float, nu: float) -> float:
+        kappa = (3.0 - nu) / (1.0 + nu) if stress else 3.0 - 4.0 * nu
+        lam = np.linspace(0.3, 1.0, 70001)
+        rest = (kappa + 1.0) ** 2 / (4.0 * kappa) - (lam * np.sin(angle)) ** 2 / kappa
+        found = np.flatnonzero(np.diff(np.sign(np.sin(lam * angle) ** 2 - rest)))
+        return float(lam[found[0]]) if len(found) else 1.0
+
+    for nu in (0.1, 0.3, 0.45):
+        least = pinned_angle(nu, stress)
+        assert exponent(0.99 * least, nu) > 0.9
+        assert exponent(1.01 * least, nu) < 0.97
+        assert exponent(np.pi / 2, nu) < 0.9
+
+
+def clamped(poisson: float = 0.3, **clamp) -> dict:
+    """A bracket with a load at its end."""
+    block = rectangle("block", (0.0, 0.0), (2.0, 1.0), (16, 8), young=STEEL)
+    block["material"]["poisson"] = poisson
+    block["clamp"] = [{"on": "left", **clamp}]
+    block["traction"] = [{"on": "right", "value": [0.0, -1e6]}]
+    return {"body": [block], "contact": []}
+
+
+@pytest.mark.parametrize(
+    ("about", "grows"),
+    [
+        (clamped(x=0.0, y=0.0), True),
+        (clamped(0.0, x=0.0, y=0.0), False),
+        (clamped(x="1e-6 * y", y=0.0), True),
+    ],
+)
+def test_the_corner_of_a_clamped_side_is_told(about, grows):
+    """A right angle between what cannot move and what is free, unless there is no contraction to hinder."""
+    found = told(about)
+    assert len(found) == grows, found
+    assert all("body.block: " in each and "at the end of a clamp at (" in each for each in found)
+
+
+def test_a_notch_at_a_plane_of_symmetry_is_a_re_entrant_corner():
+    """Half a plate with a notch of 2 · 45°; without the notch the corner has a finite stress."""
+    plate = {
+        "name": "plate",
+        "mesh": {"shape": "quadrilateral", "divisions": [8, 8]},
+        "material": {"young": STEEL, "poisson": 0.3},
+        "clamp": [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}],
+        "traction": [{"on": "right", "value": [1e6, 0.0]}],
+    }
+
+    def found(top: float) -> list[str]:
+        corners = [[0.0, 0.0], [2.0, 0.0], [2.0, top], [0.0, 1.0]]
+        mesh = plate["mesh"] | {"corners": corners}
+        return told({"body": [plate | {"mesh": mesh}], "contact": []})
+
+    assert found(1.0) == []
+    (notched,) = found(3.0)
+    assert "at the end of a clamp at (0, 1)" in notched
 
 
 def test_dundurs_numbers():

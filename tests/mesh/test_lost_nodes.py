@@ -200,6 +200,14 @@ def test_two_nodes_of_one_number_are_refused(tmp_path):
     assert "2 nodes have the number 4" in read(path)
 
 
+@pytest.mark.parametrize("number", ["1e300", "nan"])
+def test_numbers_that_no_integer_is_end_in_a_message(tmp_path, number):
+    """Of which numpy warns."""
+    path = msh(tmp_path / "a.msh", (CELLS + 1).tolist(), (LINES + 1).tolist())
+    path.write_text(path.read_text().replace("\n5 0.5", f"\n{number} 0.5"))
+    assert "a.msh" in read(path)
+
+
 FAR = np.array([[0.0, 0.0, 1e13]])
 
 

@@ -22,7 +22,7 @@ from scenes import (
 from solid_scenes import two_boxes
 
 from ddmpi.coupling.space import Space
-from ddmpi.interface.interface import Interface, Places
+from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.half_space import HalfSpace, Model
@@ -54,23 +54,28 @@ def interface(x, sliding: list[int], dropped: int = 0, area=None) -> Interface:
     )
     places, row = np.append(x, 2 * x[0] - x[min(1, m - 1)])[:, None], np.append(nodes, -1)
     beside = np.array([[0, m]])[: dropped if m > 1 else 0]
+    xy = np.column_stack([x, np.zeros(m)])
     return Interface(
         name="upper-lower",
         bodies=("upper", "lower"),
-        xy=np.column_stack([x, np.zeros(m)]),
-        frame=np.tile([[0.0, -1.0], [1.0, 0.0]], (m, 1, 1)),
-        area=area,
-        gap=np.zeros(m),
-        nodes=(nodes, nodes),
-        transfer=(alone, alone),
+        geometry=Geometry(
+            xy=xy,
+            tangents=np.tile([1.0, 0.0], (m, 1, 1)),
+            area=area,
+            at=(xy, xy),
+            facets=segments,
+            laplacian=laplacian(places, np.concatenate([segments, beside]), row, m),
+        ),
+        rows=Places((nodes, nodes), np.tile([0.0, -1.0], (m, 1)), np.zeros(m), (alone, alone)),
         law=CoulombLaw(m, sliding, 1, np.full(len(sliding), 0.3)),
         modulus=MODULUS,
-        facets=segments,
-        laplacian=laplacian(places, np.concatenate([segments, beside]), row, m),
-        one_sided=np.zeros(m + len(sliding), bool),
-        displacement=np.zeros(2),
         fixed=Places(gap=np.zeros(dropped)),
     )
+
+
+def shaped(contact: Interface, **changes: object) -> Interface:
+    """The interface with another geometry."""
+    return replace(contact, geometry=replace(contact.geometry, **changes))
 
 
 def dense_stiffness(contact, modulus: float) -> np.ndarray:
@@ -142,7 +147,7 @@ def test_half_space_is_the_square_root(x, sliding, dropped, scale):
 def test_half_space_behind_a_layer(delta):
     """(1 + δ)(M⁻¹ + δ/c)⁻¹, also where the layer is thinner than an element, or thicker than the interface is long."""
     contact = interface(np.linspace(0, 3, 40), range(40))
-    contact = replace(contact, area=np.full(40, contact.area.mean()))
+    contact = shaped(contact, area=np.full(40, contact.area.mean()))
     M = dense_stiffness(contact, MODULUS)
     layer = np.diag(delta / contact.stiffness)
     expected = (1.0 + delta) * np.linalg.inv(np.linalg.inv(M) + layer)
@@ -159,7 +164,7 @@ def test_half_space_of_a_closed_chain(start):
     chord = 2 * radius * np.sin(np.pi / m)
     xy, nodes = radius * np.column_stack([np.cos(angle), np.sin(angle)]), np.arange(m)
     around = laplacian(xy, np.column_stack([nodes, np.roll(nodes, -1)]), nodes, m)
-    ring = replace(interface(nodes, nodes), xy=xy, area=np.full(m, chord), laplacian=around)
+    ring = shaped(interface(nodes, nodes), xy=xy, area=np.full(m, chord), laplacian=around)
     P = columns(HalfSpace(Space([ring])), 2 * m)[:m, :m]
     assert np.roll(P, (1, 1), (0, 1)) == pytest.approx(P, rel=1e-10)
     waves = np.hypot(2 * np.sin(np.pi * np.arange(m) / m) / chord, 1.5 / (m * chord))
@@ -168,7 +173,7 @@ def test_half_space_of_a_closed_chain(start):
 
 def test_half_space_of_one_node():
     """Its only neighbour, 0.5 m away, is clamped."""
-    one = replace(
+    one = shaped(
         interface([0.0], [0], 1, area=np.array([0.25])), laplacian=sparse.csr_matrix([[2.0]])
     )
     expected = 0.5 * MODULUS * 0.25 * math.hypot(1.5 / 0.25, math.sqrt(1.0 / (0.5 * 0.25)))
@@ -274,7 +279,8 @@ def line(m: int, coefficient: float = 0.5) -> Space:
     """One interface of m nodes at (0, 1), (1, 1), …"""
     contact = interface(np.arange(float(m)), range(m), area=np.ones(m))
     law = replace(contact.law, coefficient=np.full(m, coefficient))
-    return Space([replace(contact, xy=contact.xy + np.array([0.0, 1.0]), law=law)])
+    contact = shaped(contact, xy=contact.xy + np.array([0.0, 1.0]))
+    return Space([replace(contact, law=law)])
 
 
 def recorded(*statuses: str, coefficient: float = 0.5) -> StatusLog:

@@ -16,7 +16,7 @@ from ddmpi.coupling.coarse import CoarseSystem, CrossPoints, Motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.joint import Point
 from ddmpi.coupling.space import Space
-from ddmpi.interface.interface import Interface
+from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import BondedLaw, CoulombLaw
 from ddmpi.methods.newton import GAIN, LENGTHS, Newton
 from ddmpi.methods.paths import InteriorPoints, Softening
@@ -40,21 +40,22 @@ class Dense:
         dimension, size = 1 + components, len(d)
         m = size // dimension
         nodes, alone = np.arange(m), sparse.identity(m, format="csr")
+        xy = np.eye(1, dimension) * nodes[:, None]
+        normal, *tangents = np.roll(np.eye(dimension), 1, axis=0)
         interface = Interface(
             name="seam",
             bodies=("upper", "lower"),
-            xy=np.eye(1, dimension) * nodes[:, None],
-            frame=np.tile(np.roll(np.eye(dimension), 1, axis=0), (m, 1, 1)),
-            area=np.ones(m),
-            gap=np.zeros(m),
-            nodes=(nodes, nodes),
-            transfer=(alone, alone),
+            geometry=Geometry(
+                xy=xy,
+                tangents=np.tile(tangents, (m, 1, 1)),
+                area=np.ones(m),
+                at=(xy, xy),
+                facets=np.empty((0, dimension), int),
+                laplacian=sparse.csr_matrix((m, m)),
+            ),
+            rows=Places((nodes, nodes), np.tile(normal, (m, 1)), np.zeros(m), (alone, alone)),
             law=CoulombLaw(m, nodes, components, np.full(m, coefficient)),
             modulus=1.0,
-            facets=np.empty((0, dimension), int),
-            laplacian=sparse.csr_matrix((m, m)),
-            one_sided=np.zeros(size, bool),
-            displacement=np.zeros(dimension),
         )
         self.C, self.d, self.size, self.space, self.neglected = C, d, size, Space([interface]), 0.0
         self.steering, self.far = 1.0, False

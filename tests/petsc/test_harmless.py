@@ -13,7 +13,7 @@ from scenes import call, pinched_blocks, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.petsc.harmless import SOLVERS, WITHIN, check_petsc, kind
-from ddmpi.scene.reader import refuse_reaching
+from ddmpi.scene.petsc import refuse_reaching
 
 HELP = """
 import contextlib, petsc4py
@@ -131,9 +131,8 @@ def test_options_that_a_scene_may_set_have_numbers_and_choices():
         numbers = re.match(
             r":? <(now )?(TRUE|FALSE|UNKNOWN|[-+\d.][-+.\de,]*)( :|>)|: [A-Za-z]", words
         )
-        numbers = numbers or name.endswith(
-            "pc_factor_mat_solver_type"
-        )  # a word that PETSc's packages are called by
+        # PETSc's packages are called by a word.
+        numbers = numbers or name.endswith("pc_factor_mat_solver_type")
         if kind(name) == "sets":
             assert "PetscOptionsGetViewer" not in words and (chosen or numbers), (name, words)
             assert "stdout" not in words and "file" not in words.lower(), name

@@ -63,9 +63,8 @@ def test_a_view_has_what_the_results_have(tmp_path):
     )
     most = arrays["surface"].reshape(-1, 3)[head["fields"][1]["marks"][1][1]]
     assert np.linalg.norm(most - surface["points"][surface["pressure"].argmax()]) < 1e-3
-    above = arrays["above"].reshape(
-        2, -1, 3
-    )  # the upper body's side looks down, the lower one's up
+    # The upper body's side looks down, the lower one's up.
+    above = arrays["above"].reshape(2, -1, 3)
     assert above[0, :, 2] == pytest.approx(-3e-3, rel=1e-3) and above[1, :, 2] == pytest.approx(
         3e-3, rel=1e-3
     )
@@ -181,9 +180,8 @@ def test_a_run_writes_the_view_and_its_report_has_it(tmp_path):
         and "script-src" in page
         and first[-60:-40].replace("<", "&lt;") in page
     )
-    assert (
-        "Drag to move, wheel to zoom." in page and "Drag to turn" not in page
-    )  # in the plane nothing turns
+    # In the plane nothing turns.
+    assert "Drag to move, wheel to zoom." in page and "Drag to turn" not in page
 
 
 def opened(folder, changes) -> dict[str, dict[str, str]]:
@@ -234,9 +232,8 @@ def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
     """In headless Chromium: bodies in many colours; another picture at the other load step, cut open, and apart."""
     stacked(tmp_path, times=(1.0, 2.0))
     found = opened(tmp_path, [("step", 0), ("axis", "x"), ("apart", 1), ("field", "pressure")])
-    assert found["as_it_was"][
-        "folded"
-    ]  # in a window of 500 pixels: the controls would hide the bodies
+    # In a window of 500 pixels the controls would hide the bodies.
+    assert found["as_it_was"]["folded"]
     assert found["step 0"]["step"] == "0" and found["field pressure"]["field"] == "pressure"
     assert int(found["axis x"]["triangles"]) > int(found["step 0"]["triangles"])  # those of the cut
 

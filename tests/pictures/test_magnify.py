@@ -49,7 +49,7 @@ def deformed(
         )
         gap = interface.gap - closing
         assert gap.min() > -TOUCHES
-        xy = meshes[bodies[1]].points[interface.nodes[1]] if rows else interface.xy
+        xy = meshes[bodies[1]].points[interface.rows.nodes[1]] if rows else interface.xy
         tables[name] = {
             "x": xy[:, 0],
             "y": xy[:, 1],
@@ -83,7 +83,7 @@ def drawn_gaps(results: Results, interfaces: list) -> tuple[float, list[np.ndarr
     for interface in interfaces:
         one, two = (
             at[nodes + first[list(results.summary["bodies"]).index(body)]]
-            for nodes, body in zip(interface.nodes, interface.bodies, strict=True)
+            for nodes, body in zip(interface.rows.nodes, interface.bodies, strict=True)
         )
         found.append(np.einsum("ij,ij->i", two - one, interface.normal))
     return factor, found
@@ -206,7 +206,6 @@ def test_bodies_are_drawn_at_the_magnification_in_the_title():
     figure = draw_bodies(results)
     outline = np.concatenate(figure.axes[0].collections[-1].get_segments())
     heights = outline[np.isclose(outline[:, 0], 3.0), 1]
-    assert np.unique(heights.round(9)) == pytest.approx(
-        np.linspace(0.0, 2.0, 17)
-    )  # one line where they touch
+    # There is one line where they touch.
+    assert np.unique(heights.round(9)) == pytest.approx(np.linspace(0.0, 2.0, 17))
     assert "displacement × 2000, largest 100 µm" in figure._suptitle.get_text()

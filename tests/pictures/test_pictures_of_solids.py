@@ -34,7 +34,7 @@ from ddmpi.pictures.sheet import limits
 from ddmpi.results.fields import group_of
 from ddmpi.results.tables import STATUS, read_results
 from ddmpi.run.run import prepare_scene
-from ddmpi.scene.method import VIEWS, Output
+from ddmpi.scene.output import VIEWS, Output
 from ddmpi.scene.reader import read_scene
 
 
@@ -156,7 +156,7 @@ def test_edges_are_drawn_where_facets_meet_at_an_angle_and_are_seen():
 
 def flattened(mesh, group):
     face = made_up_solids.interface("a-b", mesh, group)
-    at, labels, along = flatten(face.xy, face.facets, *directions(face.normal, face.area))
+    at, labels, along = flatten(face.xy, face.geometry.facets, *directions(face.normal, face.area))
     a, b, c = at.transpose(1, 0, 2)
     return (
         at,
@@ -191,7 +191,7 @@ def test_flats_behind_each_other_stand_side_by_side():
     low, high = (made_up_solids.interface("a-b", box, group) for group in ("bottom", "top"))
     points, facets = (
         np.vstack([low.xy, high.xy]),
-        np.vstack([low.facets, high.facets + len(low.xy)]),
+        np.vstack([low.geometry.facets, high.geometry.facets + len(low.xy)]),
     )
     normal, area = np.vstack([low.normal, high.normal]), np.append(low.area, high.area)
     at, labels, _ = flatten(points, facets, *directions(normal, area))
@@ -200,7 +200,7 @@ def test_flats_behind_each_other_stand_side_by_side():
         "x (side by side)",
         "y",
     )
-    first, second = at[: len(low.facets), :, 0], at[len(low.facets) :, :, 0]
+    first, second = at[: len(low.geometry.facets), :, 0], at[len(low.geometry.facets) :, :, 0]
     assert first.max() < second.min() or second.max() < first.min()
 
 

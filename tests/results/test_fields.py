@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from ddmpi.interface.interface import Drawing
 from ddmpi.results.fields import MANY, contact_fields, table_fields, write_fields, write_xdmf
 from ddmpi.results.tables import STATUS, chains
 from ddmpi.system.files import write_rows
@@ -180,7 +181,7 @@ def test_contacts_in_pieces_and_of_one_node():
         (closed, ring, [[k, (k + 1) % 24] for k in ring], [[*ring, 0]]),
     ):
         lines = contact.lines.only(np.isin(np.arange(contact.m), nodes))
-        facets = table_fields(made_up.state(replace(contact, lines=lines)))["facets"]
+        facets = table_fields(made_up.state(replace(contact, drawing=Drawing(lines))))["facets"]
         assert facets.tolist() == joined and [each.tolist() for each in chains(facets)] == chained
 
 
@@ -203,13 +204,13 @@ def test_a_contact_of_which_no_facet_is_drawn_is_written(tmp_path):
         facets=np.array([[0, 1]]),
     )
     none = replace(
-        contact.outline,
+        contact.drawing.outline,
         xy=contact.xy[:2],
         cells=np.empty((0, 2), int),
-        shares=contact.outline.shares[:2],
+        shares=contact.drawing.outline.shares[:2],
     )
     states = {
-        "bare": made_up.state(replace(contact, lines=lines, draw=lambda: none)),
+        "bare": made_up.state(replace(contact, drawing=Drawing(lines, lambda: none))),
         "whole": made_up.state(contact),
     }
     bare, whole = map(contact_fields, states.values())

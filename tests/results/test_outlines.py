@@ -64,9 +64,8 @@ def test_a_face_that_ends_within_facets_is_drawn_as_it_is(tmp_path, order):
         state.normal_force.sum(), rel=0.03
     )
     assert set(mesh.point_data["status"]) <= {0, 1, 2}
-    write_contact(
-        tmp_path, "foot", state
-    )  # whose lines, nodes that share rows at the rim, have the contact's moment
+    # The lines, nodes that share rows at the rim, have the contact's moment.
+    write_contact(tmp_path, "foot", state)
     lines = Run(0, "", "", tmp_path).table("contact_foot.csv")
     at, force = (
         np.column_stack([lines[f"{what}{axis}"] for axis in "xyz"]) for what in ("", "force_")

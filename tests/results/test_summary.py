@@ -9,7 +9,7 @@ from documented import SUMMARY, entries
 
 from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
-from ddmpi.results.summary import ROWS, summarize, units, write_summary
+from ddmpi.results.summary import ROWS, summarize, tell, units, write_summary
 from ddmpi.results.tables import leg_values, read_results
 from ddmpi.run.gather import StepLog
 from ddmpi.system.provenance import provenance
@@ -251,3 +251,12 @@ def test_results_of_another_format_are_refused(tmp_path):
     write_summary(tmp_path, summary)
     with pytest.raises(InputError, match="results in format 1; this version reads format 2"):
         read_results(tmp_path)
+
+
+def test_forces_that_rounding_leaves_are_told_as_zero():
+    """The pressures of a fit balance themselves: what is left is rounding, beside the sum of its normal forces."""
+    contact = {"force": [-6.5e-12, 5.6e-13], "normal_force": 4e4}
+    summary = {"contacts": {"fit": contact}, "units": {"force": "N/m"}}
+    assert tell(summary, "contacts", "fit", "force") == "force (0, 0) N/m"
+    contact["force"] = [-3.0, 5.6e-13]
+    assert tell(summary, "contacts", "fit", "force") == "force (-3, 0) N/m"

@@ -1,6 +1,5 @@
-"""An outer method from outside the package: the example of docs/use/methods.md, and classes that are none."""
+"""An outer method from outside the package: docs/examples/projected.py, and classes that are none."""
 
-import re
 import sys
 from pathlib import Path
 
@@ -13,17 +12,13 @@ import ddmpi
 from ddmpi.errors import InputError, SolverError
 from ddmpi.methods.outer import Outer
 
-PAGE = Path(__file__).parents[2] / "docs/use/methods.md"
+EXAMPLES = Path(__file__).parents[2] / "docs/examples"
 
 
 @pytest.fixture
-def projected(tmp_path, monkeypatch):
-    """The class of the page, in a module of its own."""
-    (code,) = re.findall(
-        r"```python\n(import numpy.*?)```", PAGE.read_text(encoding="utf-8"), re.DOTALL
-    )
-    (tmp_path / "projected.py").write_text(code, encoding="utf-8")
-    monkeypatch.syspath_prepend(tmp_path)
+def projected(monkeypatch):
+    """The class of the example."""
+    monkeypatch.syspath_prepend(EXAMPLES)
     monkeypatch.delitem(sys.modules, "projected", raising=False)
     import projected
 

@@ -89,9 +89,8 @@ def test_solid_scene_is_filled_in():
 def test_files_say_the_dimension_where_nothing_else_does():
     """Shapes come first, then places and vectors, then files; these are only asked where they must be."""
     assert scene(FILES, upper=(3, 1), lower=(3, 1)).dimension == 3
-    assert scene(FILES, "body.upper.mesh.origin=[0.0, 0.0]") == scene(
-        FILES
-    )  # older versions wrote it with any mesh
+    # Older versions wrote it with any mesh.
+    assert scene(FILES, "body.upper.mesh.origin=[0.0, 0.0]") == scene(FILES)
     assert scene(FILES, upper=(2, 1), lower=(2, 1)).dimension == scene(FILES).dimension == 2
     assert (
         scene(FILES, "body.upper.volume_force=[0, 0, -1]", "body.upper.mesh.order=1").dimension == 3

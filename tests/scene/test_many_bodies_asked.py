@@ -82,12 +82,13 @@ def test_assembly_is_read():
         "unilateral",
     ]
     assert [len(contact.on) for contact in assembly.contact] == [2, 1, 2, 1]
+    # A gap of None is measured.
     assert [contact.gap for contact in assembly.contact] == [
         -1e-4,
         None,
         Gap(along="y", points=[0.0, 1.0], values=[-1e-3, 1e-3]),
         None,
-    ]  # None is measured
+    ]
     assert assembly.contact[0].friction == Coulomb(coefficient=0.3)
     assert assembly.contact[2].friction == NoFriction()
 

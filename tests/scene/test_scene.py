@@ -15,13 +15,13 @@ import pytest
 
 from ddmpi.errors import InputError
 from ddmpi.scene.bodies import Clamp, Material
-from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
+from ddmpi.scene.contacts import Coulomb, NoFriction, Profile, Tresca
 from ddmpi.scene.formulas import check_formulas, evaluate, varies
 from ddmpi.scene.keys import differences, override
 from ddmpi.scene.method import METHODS, Method, Published
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_scene_file, write_toml
 from ddmpi.scene.scene import Scene, Settled
-from ddmpi.scene.values import AffineScalar, AffineVector, Profile
+from ddmpi.scene.values import AffineScalar, AffineVector
 from ddmpi.sweep.cases import build_cases
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -81,6 +81,7 @@ def refuses(settings: str | list[str], words: str, text: str = TEXT) -> None:
 
 PROFILE = "contact.upper-lower.friction.coefficient"
 
+# The words of types and limits are those of msgspec, by its version.
 REFUSED = [
     # unknown keys, wrong types, numbers out of range
     ("titel=x", "titel: unknown key|did you mean 'title'|petsc"),
@@ -137,7 +138,7 @@ REFUSED = [
     (
         "body.upper.material.young=1" + 400 * "0",
         "body.upper.material.young: ",
-    ),  # words of msgspec, by its version
+    ),
     (
         "body.upper.material.plane=stres",
         "body.upper.material.plane: 'stres' is not valid; expected one of strain, stress|did you mean 'stress'",

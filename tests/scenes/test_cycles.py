@@ -95,9 +95,8 @@ def test_cycles_are_what_a_long_history_gives(time):
     numbers = [step["cycle"] for step in answer.solved.steps.steps]
     per_cycle = [numbers.count(k) for k in (1, 2, 3)]
     assert numbers == sorted(numbers[: -numbers[::-1].index(3)]) + [0] * numbers[::-1].index(3)
-    assert (
-        per_cycle[0] == per_cycle[1] == per_cycle[2] >= 4
-    )  # later cycles take the steps of the first
+    # Later cycles take the steps of the first.
+    assert per_cycle[0] == per_cycle[1] == per_cycle[2] >= 4
     assert [step["cycle"] for step in answer.summary["steps"] if step["cycle"]] == [3] * per_cycle[
         2
     ]

@@ -265,9 +265,8 @@ def test_bodies_that_are_too_slender_are_refused_with_the_reason(comm):
     from ddmpi.errors import SolverError
 
     with pytest.raises(SolverError, match=r"body '(upper|lower)'.*true residual"):
-        find(
-            comm, scene(divisions(66, 6), size(3.0, 0.003))
-        )  # a cantilever, singular to the last digits
+        # This cantilever is singular to the last digits.
+        find(comm, scene(divisions(66, 6), size(3.0, 0.003)))
 
 
 @pytest.mark.parametrize("slenderness", [30, 100])

@@ -48,9 +48,8 @@ def test_pulled_blocks_stay_together_and_slide(d, order, n, swapped):
     (state,), summary = answer.contacts.values(), answer.summary
     assert state.pressure == pytest.approx(np.full(len(state.pressure), -PULL), rel=1e-6)
     assert set(state.status) == {"slip"} and not state.tangential_force.any()
-    thinner = (
-        PULL * (0.3 * 1.3 if d == 2 else 0.3) / 1e9
-    )  # of the lower block, in plane strain (1 + ν) ν p/E
+    # The lower block gets thinner by ν p/E, in plane strain by (1 + ν) ν p/E.
+    thinner = PULL * (0.3 * 1.3 if d == 2 else 0.3) / 1e9
     assert np.abs(answer.bodies["lower"].displacement[:, 0]).max() == pytest.approx(
         2.0 * thinner, rel=1e-6
     )

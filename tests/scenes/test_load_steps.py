@@ -263,9 +263,8 @@ def test_legs_are_solved_in_as_many_steps_as_the_tolerance_asks_for():
         errors[tolerance] = np.linalg.norm(contact.tangential_force - fine.tangential_force) / size
         times = [step["time"] for step in answer.summary["steps"]]
         assert len(times) >= 2 and times[-1] == 1.0
-        assert times[0] < 0.5 / len(
-            times
-        )  # steps equal in the growth of the contact are short at first
+        # Steps equal in the growth of the contact are short at first.
+        assert times[0] < 0.5 / len(times)
     once = certified(circle(steps=1)).contacts["soft-hard"]
     assert (
         errors[0.05]

@@ -136,9 +136,8 @@ def test_a_hinge_where_the_displacement_is_given():
     assert head["force"][1] == pytest.approx(1.5 * MOMENT / LENGTH, rel=0.02)
     clamp = summary["bodies"]["beam"]["reactions"]["left"]
     assert clamp["moment"] == pytest.approx(-MOMENT + LENGTH * head["force"][1], rel=1e-7)
-    scene["rigid"][0] |= {
-        "free": ["y"]
-    }  # with the longitudinal motion held alone the beam bends freely
+    # With the longitudinal motion held alone the beam bends freely.
+    scene["rigid"][0] |= {"free": ["y"]}
     assert certified(scene).summary["rigid"]["head"]["turn"] == pytest.approx(
         MOMENT * LENGTH / STIFF, rel=1e-9
     )
@@ -196,10 +195,9 @@ def test_a_lever_presses_as_its_moment_says(d, law, lift, order):
     answer = certified(lever(d, law, lift, order))
     lid, (state,) = answer.summary["rigid"]["lid"], answer.contacts.values()
     about = np.array([-1.0, *[0.5] * (d - 2), 1.0 + lift])
-    arms = state.interface.at[0] - about
-    around = (
-        -arms[:, 0] * state.forces[:, -1] + arms[:, -1] * state.forces[:, 0]
-    )  # on the lid the opposite forces
+    arms = state.interface.geometry.at[0] - about
+    # The opposite forces act on the lid.
+    around = -arms[:, 0] * state.forces[:, -1] + arms[:, -1] * state.forces[:, 0]
     assert around.sum() == pytest.approx(1e5, rel=1e-9) and lid["displacement"] == [0.0] * d
     turn = lid["turn"] if d == 2 else -lid["turn"][1]
     assert turn < -0.5 * lift

@@ -62,7 +62,7 @@ def test_exhibit(exhibit, tmp_path):
             for before in ("", "n")
         )
         if at.shape[1] == 3:
-            outline = state.interface.outline
+            outline = state.interface.drawing.outline
             drawn = facet_measures(outline.xy[outline.cells], axisymmetric=False).sum()
             assert drawn == pytest.approx(state.interface.area.sum(), rel=1e-6), name
             forces = np.column_stack([table[f"force_{axis}"] for axis in "xyz"]).astype(float)

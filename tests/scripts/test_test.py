@@ -51,6 +51,22 @@ def example(tmp_path: Path) -> Path:
     return tmp_path
 
 
+def test_a_run_has_temporary_folders_of_its_own(example, tmp_path):
+    """On all ranks, not those of another session, whose retention would take them away; they go with the run."""
+    (example / "test_example.py").write_text(
+        "import pytest\n\n@pytest.mark.mpi(ranks=2)\ndef test_on_ranks(comm, mpi_ranks, mpi_tmp_path):\n"
+        "    print(f'<{mpi_tmp_path}>')\n\ndef test_alone(tmp_path):\n    print(f'<{tmp_path}>')\n"
+    )
+    said = run(sys.executable, "-m", "pytest", "-rP", cwd=example)
+    folders = {Path(name) for name in re.findall(r"^<(.*)>$", said, re.M)}
+    roots = {
+        next(up for up in each.parents if up.name.startswith("ddmpi-tests-")) for each in folders
+    }
+    assert len(folders) == 2 and len(roots) == 1
+    assert not roots & {*tmp_path.parents}
+    assert not any(root.exists() for root in roots)
+
+
 def test_ranks_report_under_the_name_of_their_test(example):
     """Names can be pasted back, --lf finds failures of any rank, the progress ends at 100 %, and a hang has an end.
 

@@ -134,7 +134,7 @@ def compliance(body: Elasticity, B: np.ndarray) -> np.ndarray:
 
 def joined(contact: Interface) -> np.ndarray:
     """(m − 1,) bool, whether a row and the next one are neighbours."""
-    return contact.laplacian.diagonal(1) != 0.0
+    return contact.geometry.laplacian.diagonal(1) != 0.0
 
 
 def turned(mesh: Mesh, angle: float = 0.0, mirrored: bool = False) -> Mesh:
@@ -149,7 +149,7 @@ def turned(mesh: Mesh, angle: float = 0.0, mirrored: bool = False) -> Mesh:
 
 def held_beside(contact: Interface) -> np.ndarray:
     """(m,) inverse distances to neighbours that are fixed, summed."""
-    return contact.laplacian @ np.ones(contact.m)
+    return contact.geometry.laplacian @ np.ones(contact.m)
 
 
 def asked(

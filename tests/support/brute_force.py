@@ -48,9 +48,8 @@ def solve_coupled(assembly: Assembly) -> np.ndarray:
         failed = ""
     except AssertionError as error:
         failed = str(error) or "brute force fails"
-    assert not (told := "".join(assembly.world.allgather(failed))), (
-        told
-    )  # on both bodies, not on one alone
+    # All ranks look at it: it fails on both bodies, not on one alone.
+    assert not (told := "".join(assembly.world.allgather(failed))), told
     return s
 
 

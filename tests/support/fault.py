@@ -107,9 +107,8 @@ def injected(target: str, call: int, fault: str, folder: str, here: bool) -> Ite
             raise error
         result = original(*arguments, **options)
         if fault == "nan":
-            outputs = (
-                (arguments[2:], result) if result is None else (result,)
-            )  # (self, in, out, …), or returned
+            # Results are the arguments after (self, in), or what is returned.
+            outputs = (arguments[2:], result) if result is None else (result,)
             result = [fill_with_nan(value) for value in outputs][-1]
         elif fault == "singular":
             result = make_singular(result)
@@ -138,9 +137,8 @@ def main() -> None:
         codes = world.gather(code)
         if world.rank == 0:
             for stream in (sys.stdout, sys.stderr):
-                stream.write(
-                    " ".join([END, *map(str, codes)]) + "\n"
-                )  # whole lines, see ddmpi.system.logs
+                # Lines are written whole, see ddmpi.system.logs.
+                stream.write(" ".join([END, *map(str, codes)]) + "\n")
                 stream.flush()
 
 

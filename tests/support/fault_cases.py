@@ -33,6 +33,7 @@ TRACES = ("seconds", "hosts", "run", "started", "command", "working_folder", "sl
 
 METHODS = {"newton": {}, "published": {"theta": 0.2, "tolerance": 1e-3}}
 
+# Calls of the outer iteration are within GMRES, some iterations on.
 PHASES = {
     # phase: method, target, call
     "mesh": ("newton", "ddmpi.coupling.assembly.build_mesh", 1),
@@ -42,7 +43,7 @@ PHASES = {
         "newton",
         "ddmpi.body.compliance.Compliance.mult",
         30,
-    ),  # within GMRES, some iterations on
+    ),
     "outer, published": ("published", "ddmpi.published.published.Subproblem.neumann", 5),
     "conclude": ("newton", "ddmpi.coupling.member.Member.displacement", 1),
     "output": ("newton", "ddmpi.system.files.put", 1),
@@ -98,13 +99,13 @@ def all_cases() -> list[Case]:
         for kind, codes in KINDS.items():
             for rank in (0, 1):
                 after = phase in KEPT
+                # A signal while files are written waits until they are finished.
                 over = phase == "output" and kind in (
                     "SIGTERM",
                     "SIGUSR1",
-                )  # the writing is finished first
-                harmless = (
-                    kind in ("full", "little room") and rank == 1
-                )  # rank 0 is the one that makes files grow
+                )
+                # Rank 0 is the one that makes files grow.
+                harmless = kind in ("full", "little room") and rank == 1
                 cases.append(
                     Case(
                         f"{phase}: {kind} on rank {rank}",
@@ -210,6 +211,7 @@ def all_cases() -> list[Case]:
                     kept=True,
                 )
             )
+        # A summary still fits.
         cases.append(
             Case(
                 f"end of output: {kind}",
@@ -220,7 +222,7 @@ def all_cases() -> list[Case]:
                 kept=kind != "gone",
                 whole=signal or kind == "little room",
             )
-        )  # a summary still fits
+        )
     cases += [
         Case(
             "publishing: SIGKILL between two files",
@@ -351,9 +353,8 @@ class Ground:
 
     def _judge(self, outcome: Outcome, run: scenes.Run) -> None:
         case, faults = outcome.case, outcome.faults
-        ends = re.search(
-            rf"^{fault.END} (.*)\n", run.stderr, re.MULTILINE
-        )  # the launcher went on: an orderly end
+        # Where the launcher went on the end is orderly.
+        ends = re.search(rf"^{fault.END} (.*)\n", run.stderr, re.MULTILINE)
         codes = {int(code) for code in ends[1].split()} if ends else {run.code}
         code = outcome.code = max(codes, key=abs)
         there = run.files & set(RESULTS) if case.folder != "earlier" else set()
@@ -376,9 +377,8 @@ class Ground:
                 faults.append("several messages" if messages(run) else "no message")
         if digest(self.here / "earlier") != self.earlier:
             faults.append("earlier results touched")
-        killed = (
-            case.codes is None or run.code == 1
-        )  # rank 0 has no time to clear up then; the next run does it
+        # Rank 0 has no time to clear up then; the next run does it.
+        killed = case.codes is None or run.code == 1
         left = {name for name in run.files if not (name in (*RESULTS, "checkpoint.h5") or killed)}
         if left and case.folder != "earlier":
             faults.append("leftovers")
@@ -402,9 +402,8 @@ def messages(run: scenes.Run) -> list[str]:
             r"ddmpi: (error|internal error|interrupted)|\[\d\]PETSC ERROR: Caught signal", line
         )
     ]
-    return ours or re.findall(
-        r"noticed that process rank \d|BAD TERMINATION OF ONE", run.output
-    )  # Open MPI, MPICH
+    # These are the words of Open MPI and of MPICH.
+    return ours or re.findall(r"noticed that process rank \d|BAD TERMINATION OF ONE", run.output)
 
 
 def contents(folder: Path, files: Collection[str] = RESULTS) -> dict:

@@ -10,7 +10,7 @@ from solids import grid
 
 from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.stress import stress, von_mises
-from ddmpi.interface.interface import Interface, Lines
+from ddmpi.interface.interface import Drawing, Geometry, Interface, Lines, Partner, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import facet_shares
@@ -20,6 +20,7 @@ from ddmpi.results.fields import Fields, contact_fields, write_fields
 from ddmpi.results.tables import ENERGY, Results, leg_values, read_results, write_table
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.surface.outline import Outline
+from ddmpi.system.numbers import RigidMotion
 
 
 def box(origin=(0.0, 0.0, 0.0), size=(3.0, 1.0, 1.0), divisions=(12, 4, 4), order=1) -> Mesh:
@@ -70,24 +71,21 @@ def interface(
     normal = np.column_stack([np.bincount(facets.ravel(), np.repeat(each, 3)) for each in across.T])
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     sliding = np.arange(m if kind == "bonded" or not isinstance(friction, NoFriction) else 0)
-    law = law_of(friction, xy, np.zeros(m), area, sliding, kind)
+    law, alone = (
+        law_of(friction, xy, np.zeros(m), area, sliding, kind),
+        sparse.identity(m, format="csr"),
+    )
     return Interface(
         name=name,
         bodies=tuple(name.split("-")),
-        xy=xy,
-        frame=frames(normal),
-        area=area,
-        gap=np.zeros(m),
-        nodes=(nodes, np.empty(0, int)),
-        transfer=(sparse.identity(m, format="csr"),) * 2,
+        geometry=Geometry(
+            xy, frames(normal)[:, 1:], area, (xy, xy), facets, sparse.csr_matrix((m, m))
+        ),
+        rows=Places((nodes, np.empty(0, int)), normal, np.zeros(m), (alone, alone)),
         law=law,
         modulus=1e11,
-        facets=facets,
-        laplacian=sparse.csr_matrix((m, m)),
-        one_sided=np.zeros(law.size, bool),
-        displacement=np.zeros(3),
-        lines=Lines(np.arange(m), xy, area, facets),
-        draw=lambda: Outline(xy, facets, sparse.identity(m, format="csr")),
+        partner=Partner(RigidMotion(np.zeros(3))),
+        drawing=Drawing(Lines(np.arange(m), xy, area, facets), lambda: Outline(xy, facets, alone)),
     )
 
 
@@ -100,7 +98,7 @@ def state(interface: Interface, pressure: float = 5e7, factor: float = 1.0) -> C
     p = factor * pressure * np.sqrt(np.maximum(0.0, 1.0 - (r / 0.45) ** 2))
     frictional = interface.law.components * len(interface.sliding) > 0
     swirl = np.cross(xy - centre, interface.normal) + 0.3 * extent * np.array([1.0, 0.3, 0.0])
-    along = np.einsum("mcd,md->mc", interface.frame[:, 1:], swirl)
+    along = np.einsum("mcd,md->mc", interface.tangents, swirl)
     along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)
     slips = frictional * np.maximum(r - 0.2, 0.0)[:, None]
     shear = frictional * 0.3 * p[:, None] * np.minimum(r / 0.2, 1.0)[:, None] * along

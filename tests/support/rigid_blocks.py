@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.interface.interface import Interface
+from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw
 from ddmpi.judge.motions import MotionsOfBody
 from ddmpi.surface.side import frames
@@ -80,23 +80,22 @@ class Blocks:
             "coulomb": lambda: CoulombLaw(*shape, np.full(m, value)),
             "tresca": lambda: TrescaLaw(*shape, np.full(m, self.force * value / m)),
         }[law]()
-        alone, nodes = sparse.identity(m, format="csr"), np.arange(m)
+        alone, nodes, at = sparse.identity(m, format="csr"), np.arange(m), self.place(xy)
         self.contacts.append(
             Interface(
                 name=f"{first}-{second}",
                 bodies=(first, second),
-                xy=self.place(xy),
-                frame=frames(normal),
-                area=np.ones(m),
-                gap=np.zeros(m),
-                nodes=(nodes, nodes),
-                transfer=(alone, alone),
+                geometry=Geometry(
+                    xy=at,
+                    tangents=frames(normal)[:, 1:],
+                    area=np.ones(m),
+                    at=(at, at),
+                    facets=np.empty((0, d), int),
+                    laplacian=sparse.csr_matrix((m, m)),
+                ),
+                rows=Places((nodes, nodes), normal, np.zeros(m), (alone, alone)),
                 law=made,
                 modulus=1.0,
-                facets=np.empty((0, d), int),
-                laplacian=sparse.csr_matrix((m, m)),
-                one_sided=np.zeros(made.size, bool),
-                displacement=np.zeros(d),
             )
         )
         return self

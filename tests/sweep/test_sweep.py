@@ -373,11 +373,12 @@ def test_options_do_not_leak_from_case_to_case(petsc_options):
     database = PETSc.Options()
     options, outside = RunOptions(), database.getAll()
     options.use({"own": 2, "given": 3, "flag": True, "-dash": False})
+    # The command line wins.
     assert database.getAll() == outside | {
         "own": "2",
         "flag": None,
         "dash": "false",
-    }  # the command line wins
+    }
     assert database.getString("own") == "2" and "own" not in unused_options()
     database.setValue("set_by_a_solver", 1)
     options.use({"own": 4})

@@ -317,11 +317,12 @@ def test_mesh_files_are_part_of_a_sweep(tmp_path):
     cases = build_cases("scene.toml", tomllib.loads(text), [f"{COEFFICIENT}=0.1"])
     first = identify({}, [], cases, tmp_path)
     assert first["mesh files"].keys() == {"punch_base.msh", "punch_block.msh"}
+    # No versions: after an update a sweep goes on.
     assert first.keys() == {
         "scene",
         "PETSc options",
         "mesh files",
-    }  # no versions: after an update a sweep goes on
+    }
     claim_sweep(
         tmp_path / "out",
         {**first, "mesh files": {"punch_base.msh": first["mesh files"]["punch_base.msh"]}},

@@ -1,0 +1,99 @@
+"""Bodies and partners whose frames move far: where they are, how they begin, and whether loads push them on."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from ddmpi.coupling.assembly import Assembly
+from ddmpi.methods.newton import Newton
+from ddmpi.run.equilibrium import describe_drift
+from ddmpi.scene.motions import parts_of
+from ddmpi.system.numbers import Frame, RigidMotion
+
+UNSTABLE = 0.15
+"""An equilibrium is not stable if a motion is resisted by less than this times what loads push it on by. Of a disc on a
+plane, which nothing holds and nothing pushes on, nodes that open and close make up to 0.12."""
+
+MOST = 10.0
+"""Loads push on a motion by less than this times the largest entry of their stiffness K: of six motions |K| is at most
+six times that."""
+
+
+def instability(assembly: Assembly, outer: Newton) -> list[str]:
+    """A warning where forces that grow as frames move on push them on. Collective."""
+    joint = assembly.joint
+    size = np.abs(joint.K).max() if joint.K.nnz else 0.0
+    if not size:
+        return []
+    yields, motions = assembly.world.bcast(np.linalg.eig(outer.linearisation().yielding()))
+    # The stiffness against a motion. Contacts resist all, so that loads, which grow by K, cannot make it less than -|K|:
+    # what is far below is one over the rounding of a motion that is held.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stiffness = 1.0 / yields
+    pushed = np.where(np.abs(stiffness) < MOST * size, stiffness.real, 0.0)
+    worst = int(pushed.argmin())
+    if not pushed[worst] < -UNSTABLE * size:
+        return []
+    return [
+        f"the equilibrium is not stable: {describe_drift(assembly, motions[:, worst].real)}, because the "
+        "loads push on"
+    ]
+
+
+def partners_gone(assembly: Assembly) -> dict[str, RigidMotion]:
+    """By rigid partner how far its pivot has gone where bodies move far (m), its turn (rad) if it turns, and where its
+    pivot is. Not collective."""
+    gone = {}
+    for partner in assembly.scene.rigid:
+        turning = [
+            part for part in parts_of(partner.motion) if part.turn or "turn" in (part.free or ())
+        ]
+        frame = assembly.frames[partner.name]
+        pivot = np.array(
+            next((part.pivot for part in turning if part.pivot), (0.0,) * len(frame.shift))
+        )
+        at = frame.at(pivot)
+        gone[partner.name] = RigidMotion(
+            at - pivot, np.radians(frame.turn if turning else np.empty(0)), at
+        )
+    return gone
+
+
+def began(
+    assembly: Assembly,
+    name: str,
+    points: np.ndarray,
+    u: np.ndarray | float,
+    then: Mapping[str, Frame],
+) -> dict[str, np.ndarray]:
+    """Where the points of a body were a step before, with its displacement `u` and the frames of `then`, by contact, as
+    displacements (nv, d) in its frame of now (m): seen from the frame of the second body, which is where it is now. Not
+    collective."""
+    starts, now = {}, assembly.frames
+    assert assembly.far
+    for contact in assembly.far.contacts:
+        if name in contact.bodies:
+            second = contact.bodies[1]
+            carried = now[second].after(then[second].undone).after(then[name])
+            starts[contact.name] = now[name].undone.after(carried).at(points + u) - points
+    return starts
+
+
+def way_down(assembly: Assembly) -> np.ndarray:
+    """The motions (rigid.size,) of free frames along the loads on them, without turns, that bring sides together (m);
+    zero where sides on the way touch, or none are there. Collective."""
+    joint, space, along, far = (
+        assembly.joint,
+        assembly.space,
+        np.zeros(assembly.joint.rigid.size),
+        np.inf,
+    )
+    for name, frame in assembly.far.free.items() if assembly.far else ():
+        shifts = slice(joint.slices[name].start, joint.slices[name].start + len(frame.axes))
+        along[shifts] = joint.e[shifts]
+    closing = joint.rigid.spread(along)
+    for interface, part in space.with_slices():
+        gap, closes = space.gap[part][: interface.m], closing[part][: interface.m]
+        far = min(far, (gap[closes > 0.0] / closes[closes > 0.0]).min(initial=np.inf))
+    far = min(assembly.world.allgather(far))
+    return (far if 0.0 < far < np.inf else 0.0) * along

@@ -1,0 +1,51 @@
+"""A preconditioner of your own: springs at the contact nodes in place of the half-spaces of Newton's method.
+
+    python docs/examples/springs.py
+
+A half-space couples all nodes of a contact: long waves of displacement meet little resistance, short ones much. A spring
+at each node resists all of them like the shortest. So finer meshes take more products with springs, and about as many
+with half-spaces. The answers are the same: a preconditioner only steers.
+"""
+
+from unittest import mock
+
+import numpy as np
+
+import ddmpi
+from ddmpi.methods import krylov
+from ddmpi.methods.half_space import HalfSpace
+
+
+class Springs(HalfSpace):
+    """c ≈ C⁻¹ (N/m), `Interface.stiffness`: what half-spaces have against waves of the nodes' spacing."""
+
+    def __init__(self, space, local=None):
+        self.stiffness = [interface.stiffness for interface in space.interfaces]
+        self.c = np.concatenate([np.empty(0), *self.stiffness])
+
+    def softened(self, deltas):
+        """(1 + δ) (1/c + δ/c)⁻¹ = c: springs behind a layer, by δ of each interface."""
+        return self
+
+    def mult(self, x, inverse=False):
+        return x / self.c if inverse else self.c * x
+
+    def on_interface(self, number, x):
+        return self.stiffness[number][:, None] * x
+
+
+def main() -> None:
+    for N in (18, 54):
+        mesh = {f"body.{name}.mesh.divisions": [3 * N, N] for name in ("upper", "lower")}
+        forces = []
+        for kind in (HalfSpace, Springs):
+            with mock.patch.object(krylov, "HalfSpace", kind):
+                answer = ddmpi.solve("configs/pinched_blocks.toml", overrides=mesh, only="contacts")
+            assert answer.certified, answer.reason
+            forces.append(answer.contacts["upper-lower"].forces)
+            print(f"N = {N}, {kind.__name__}: {answer.summary['n_A']} products")
+        assert np.allclose(*forces, atol=1e-6 * np.abs(forces[0]).max())
+
+
+if __name__ == "__main__":
+    main()
