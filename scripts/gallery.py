@@ -168,7 +168,11 @@ def total(summary: dict, contacts: tuple[str, ...], part: int) -> float:
 ONE = {"time.steps": 1}
 
 CHECKS = {
-    "pinched_blocks": Check(contact("upper-lower", "tangential_force", factor=1e-6), 1e-5),
+    "pinched_blocks": Check(
+        contact("upper-lower", "tangential_force", factor=1e-6),
+        1e-5,
+        warned=("body.upper: the largest von Mises stress … is at the end of a clamp at (0, 2)",),
+    ),
     "punch": Check(
         contact("punch-base", "tangential_force"),
         1e-3,
@@ -212,7 +216,11 @@ CHECKS = {
     ),
     "heated_bush": Check(lambda summary: summary["bodies"]["bush"]["displacement_max"], 1e-3, ONE),
     "press_fit": Check(lambda summary: summary["displacement_max"], 0.01, ONE, "contact.png"),
-    "rail_on_bed": Check(contact("rail-wheel", "normal_force"), 1e-3),
+    "rail_on_bed": Check(
+        contact("rail-wheel", "normal_force"),
+        1e-3,
+        warned=("contact.rail-wheel: at (0, 100) it is closed at a single node",),
+    ),
     "vice": Check(contact("part-moving", "force", 1, -1.0), 1e-3, ONE, "contacts.png"),
     "fretting": Check(second_cycle, 1e-3, {"time.steps": 2}, "steps.png"),
     "pushed_block": Check(
@@ -239,11 +247,17 @@ CHECKS = {
         "steps.png",
         warned=("body.band: the largest von Mises stress … is at the end of the bond at (0, 0.2)",),
     ),
-    "wall": Check(floor_resultant, 1e-4, picture="contacts.png"),
+    "wall": Check(
+        floor_resultant,
+        1e-4,
+        picture="contacts.png",
+        warned=("contact.a2-b2: at (0.12, 0.21) it is closed at a single node",),
+    ),
     "arch": Check(
         contact("v5-v6", "force", 0, -1e-3),
         1e-4,
         {f"body.v{k}.mesh.divisions": [6, 4] for k in range(1, 11)},
+        warned=("it is closed at a single node",),
     ),
     "tipping_tower": Check(
         tipping_edge,
@@ -252,7 +266,10 @@ CHECKS = {
         refused="no equilibrium: second, third and fourth would move most at (",
     ),
     "bonded_block": Check(
-        lambda summary: -1e-6 * total(summary, ("lower", "upper"), 1), 1e-5, picture="contacts.png"
+        lambda summary: -1e-6 * total(summary, ("lower", "upper"), 1),
+        1e-5,
+        picture="contacts.png",
+        warned=("the largest von Mises stress … is at the end of a clamp at (0, ",),
     ),
     "lined_wheel": Check(contact("wheel-ground", "force", 1), 0.02),
     "turned_bolt": Check(

@@ -90,7 +90,13 @@ def stress_in(mesh: Mesh, material: Material, u: np.ndarray, places: np.ndarray)
     gradient = np.einsum(
         "aki,kic,ajk->cjk", slopes, u[mesh.triangles[cell]], invert(tangents)[0], optimize=True
     )
-    return np.einsum("ijmn,mnk->ijk", material.tensor(d), gradient)
+    if mesh.axisymmetric:  # the strain around the axis, u_r / r, has no shear
+        turned = np.zeros((3, 3, len(places)))
+        shapes = mesh.cell.shapes(np.column_stack([1.0 - at.sum(axis=1), at]))
+        turned[:2, :2] = gradient
+        turned[2, 2] = (shapes * u[mesh.triangles[cell], 0]).sum(axis=1) / places[:, 0]
+        gradient = turned
+    return np.einsum("ijmn,mnk->ijk", material.tensor(len(gradient)), gradient)
 
 
 def against_mesh(answer: Answer, fine: Answer) -> float:
@@ -127,6 +133,22 @@ def against_form(answer: Answer, exact: Mapping[str, Stress]) -> float:
         off += float((shares * energy_density(material, components(found - sigma))).sum())
         whole += float((shares * energy_density(material, components(sigma))).sum())
     return float(np.sqrt(off / whole))
+
+
+def turned_stress(answer: Answer, name: str) -> Stress:
+    """The stress in space around z of a body of an axisymmetric answer, whose axis is y."""
+    mesh = next(body.mesh for body in answer.solved.assembly.bodies if body.spec.name == name)
+    u, material = answer.bodies[name].displacement, answer.solved.assembly.scene.body[0].material
+
+    def stress(places: np.ndarray) -> np.ndarray:
+        radius = np.hypot(places[:, 0], places[:, 1])
+        flat = stress_in(mesh, material, u, np.column_stack([radius, places[:, 2]]))
+        x, y = places[:, :2].T / radius
+        zero, one = np.zeros_like(x), np.ones_like(x)
+        axes = np.array([[x, zero, -y], [y, zero, x], [zero, one, zero]])  # of r, z and around
+        return np.einsum("iak,jbk,abk->ijk", axes, axes, flat)
+
+    return stress
 
 
 def ring_stress(

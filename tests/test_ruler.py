@@ -6,25 +6,12 @@ import pytest
 import ruler
 
 COMPLEX = {
-    "coupling/assembly:prepare": 67,
-    "coupling/joint:FarMember.__init__": 21,
-    "coupling/joint:Joint.__init__": 18,
-    "coupling/ranks:WorkingRanks.work": 17,
     "methods/newton:Newton._iterate": 21,
     "methods/newton:Newton.run": 20,
-    "run/answer:Model.solve": 16,
-    "run/places:FarMarch._settle": 24,
-    "run/solve:Iteration.solve": 17,
-    "run/steps:March._refine": 16,
 }
 """Functions of the program beyond `ruler.MOST_COMPLEX`, with their complexity. Numbers only fall."""
 
-LONG = {
-    "coupling/assembly:prepare": 224,
-    "coupling/joint:Joint.__init__": 61,
-    "run/places:FarMarch._settle": 76,
-    "run/steps:March._accept": 71,
-}
+LONG = {}
 """Functions of the program beyond `ruler.MOST_LINES`, with the lines of their bodies. Numbers only fall."""
 
 

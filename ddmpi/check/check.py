@@ -148,10 +148,10 @@ def _look(body: Body, unit: str) -> Looked:
     ]
     foundations = [("foundation", foundation.on, None) for foundation in spec.foundation]
     supports = [*clamps, *foundations]
-    dense = member.kind == "explicit"
+    dense = member.body.kind == "explicit"
     memory = (
         memory_of_multigrid(member.elasticity.A)
-        if member.kind == "iterative"
+        if member.body.kind == "iterative"
         else memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense)
         + dense * 8.0 * member.size**2
     )
@@ -167,8 +167,8 @@ def _look(body: Body, unit: str) -> Looked:
             *(f"{how} on {on}{_following(history)}" for how, on, history in supports),
             *_describe_motions(body),
             *_describe_loads(body, loads),
-            f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.kind]} "
-            f"({member.reason})",
+            f"{member.elasticity.n} unknowns, {member.size} of contact: {SOLVERS[member.body.kind]} "
+            f"({member.body.reason})",
         ],
         doubt_cells(mesh, spec.name),
     )

@@ -237,10 +237,8 @@ class RunReport:
     def _run(self) -> dict[str, Any]:
         """The verdict, warnings, provenance and scene, and the numbers of the summary by their names."""
         summary, (verdict, *sentences) = self.summary, self._verdict()
-        hosts, versions = (
-            ", ".join(dict.fromkeys(summary.get("hosts", ()))),
-            summary.get("versions", {}),
-        )
+        hosts = ", ".join(dict.fromkeys(summary.get("hosts", ())))
+        versions = summary.get("versions", {})
         started = summary.get("started", "").replace("T", " ").replace("Z", " UTC")
         when = [
             f"run of {started}" if started else "",
@@ -375,10 +373,8 @@ class RunReport:
         return allowed | {"pictures": pictures, "undrawn": "" if pictures else self.folder}
 
     def _contacts(self) -> dict[str, Any]:
-        contacts, asked = (
-            self.contacts,
-            {contact["name"]: contact for contact in self.scene["contact"]},
-        )
+        contacts = self.contacts
+        asked = {contact["name"]: contact for contact in self.scene["contact"]}
         unmatched = [name for name, contact in contacts.items() if contact["slave"]]
         # matching nodes have no such errors
         entries = {
@@ -560,11 +556,9 @@ class RunReport:
         }
 
     def _error(self) -> dict[str, Any]:
-        estimate, target, levels = (
-            self.error["energy_norm"],
-            self.error.get("target"),
-            self.error.get("levels") or [],
-        )
+        estimate = self.error["energy_norm"]
+        target = self.error.get("target")
+        levels = self.error.get("levels") or []
         if estimate is None:
             return {
                 "no_estimate": self.of_step if self.of_step.startswith("at") else "for this run"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -11,43 +11,47 @@ import msgspec
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.elasticity import assemble
 from ddmpi.body.loads import ON_AXIS
 from ddmpi.body.rigid_motions import FreeFrame
-from ddmpi.body.stress import Composite, material_of, modulus_beside
-from ddmpi.coupling.exchange import Ends, Exchange
-from ddmpi.coupling.joint import Far, FarMember, Joint
+from ddmpi.body.stress import Composite, material_of
+from ddmpi.coupling.coarse import Driven
+from ddmpi.coupling.exchange import Exchange
+from ddmpi.coupling.factored import Factored
+from ddmpi.coupling.far import BothSides, Framed, Placement, free_frames, meet_far, with_slaves
+from ddmpi.coupling.joint import Joint
 from ddmpi.coupling.member import Member
-from ddmpi.coupling.ranks import homes_of, ranks_beside, team_of
+from ddmpi.coupling.parts import Share, assemble_bodies, mesh_bodies
+from ddmpi.coupling.ranks import ranks_beside, team_of
+from ddmpi.coupling.sides import Sides
 from ddmpi.coupling.space import Space, kept_by_bonds
-from ddmpi.coupling.team import TeamMatrix
-from ddmpi.errors import InputError, naming
+from ddmpi.coupling.team import Team, TeamMatrix
+from ddmpi.errors import InputError
 from ddmpi.interface.contradictions import Mover, refuse_contradiction
 from ddmpi.interface.interface import Interface, check_overlap
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid
-from ddmpi.interface.mortar import connect, with_slave
-from ddmpi.interface.rows import holds_along, uncovered_profile
+from ddmpi.interface.mortar import connect
+from ddmpi.interface.rows import uncovered_profile
 from ddmpi.kept.kept import Kept
-from ddmpi.mesh.build import build_mesh, content
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.options import conditions
 from ddmpi.scene.bodies import Material, SettledBody
 from ddmpi.scene.contacts import NoFriction, SettledContact
-from ddmpi.scene.motions import frames_of, freed_part
+from ddmpi.scene.motions import frames_of
 from ddmpi.scene.scene import Settled
-from ddmpi.surface.boundary import contact_side
-from ddmpi.surface.seams import find_seam
-from ddmpi.surface.side import Side
 from ddmpi.system import interrupt
-from ddmpi.system.agreement import agreed, gathered, merged
+from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
 from ddmpi.system.doubts import condensed
 from ddmpi.system.memory import free_memory
 from ddmpi.system.numbers import Frame, in_words
 
 NO_SIZES: Mapping[str, Sizes] = {}
+
+Drawn = tuple[Interface, list[str]]
+"""An interface as drawn, with warnings."""
 
 REUSED = {
     "mesh": ["mesh"],
@@ -75,7 +79,7 @@ class Body:
 
 @dataclass(frozen=True)
 class Assembly:
-    """One rank's part of a scene, discretised and factored.
+    """One rank's part of a scene, discretised and factored, at a placement.
 
     Attributes
     ----------
@@ -89,9 +93,11 @@ class Assembly:
     m : contact nodes of all interfaces
     warnings : warnings about the scene; of all bodies and contacts on the first rank
     reused : stages of this rank's bodies and contacts that were reused, by the names of these
-    start : makes the forces (size,) in N, gaps (size,) and motions of loose bodies in m to begin with, or is None
+    contacts, sides : of this rank's bodies, those that move far each with its slave; and the sides of both bodies in
+        their frames, by contact, None for a rigid partner
+    free : the free components of the frames of all bodies and rigid partners, by name
+    placement : where the bodies are
     outer : the class of an outer method from outside the package, or None
-    far, frames : if bodies move far, what they keep, and the frames of all bodies and rigid partners, by name
     """
 
     world: MPI.Comm
@@ -103,64 +109,49 @@ class Assembly:
     n: int
     m: int
     warnings: list[str]
-    reused: dict[str, list[str]] = field(default_factory=dict)
-    start: Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]] | None = None
+    reused: dict[str, list[str]]
+    contacts: Sequence[SettledContact]
+    sides: Mapping[str, BothSides]
+    free: Mapping[str, FreeFrame]
+    placement: Placement
     outer: Callable[..., object] | None = None
-    far: Far | None = None
-    frames: Mapping[str, Frame] = field(default_factory=dict)
 
-    def meet(self, time: float) -> Assembly:
-        """The same bodies where they are at `time`, paired there, under the loads of that time. Collective. Raises
-        InputError."""
-        far, scene, world = self.far, self.scene, self.world
-        assert far
-        frames = far.frames(scene, time)
-        members, space = far.meet(world, scene, self.exchange, frames, far.reach.get(time, {}))
-        bodies = tuple(
-            replace(body, member=member) for body, member in zip(self.bodies, members, strict=True)
+    def meet(self, placement: Placement) -> Assembly:
+        """The same bodies at a placement, paired there, under the loads of its time. Collective. Raises InputError."""
+        met = meet_far(self.world, self.scene, self.contacts, self.sides, placement)
+        factored = [body.member.body for body in self.bodies]
+        joint = _couple(self.scene, self.exchange, factored, met, placement.frames, self.free)
+        bodies = (
+            replace(body, member=member)
+            for body, member in zip(self.bodies, joint.members, strict=True)
         )
         placed = replace(
-            self,
-            bodies=bodies,
-            space=space,
-            frames=frames,
-            joint=Joint(
-                members,
-                self.exchange,
-                space,
-                [None, *scene.followed],
-                freed=far.driven(scene, frames),
-            ),
+            self, bodies=tuple(bodies), space=joint.space, joint=joint, placement=placement
         )
-        placed.act(time)
+        placed.act(placement.time)
         return placed
 
+    @property
+    def frames(self) -> Mapping[str, Frame]:
+        """The frames of all bodies and rigid partners, by name; none where they do not move far."""
+        return self.placement.frames
+
     def in_world(self) -> Assembly:
-        """The same with the meshes of bodies that move far where these are now. Not collective."""
-        return (
-            self
-            if not self.far
-            else replace(
-                self,
-                bodies=tuple(
-                    replace(
-                        body,
-                        mesh=replace(
-                            body.mesh, points=self.frames[body.spec.name].at(body.mesh.points)
-                        ),
-                    )
-                    for body in self.bodies
-                ),
-            )
-        )
+        """The same with the meshes of bodies that move far where these now are. Not collective."""
+        if not self.frames:
+            return self
+        bodies = []
+        for body in self.bodies:
+            at = self.frames[body.spec.name].at(body.mesh.points)
+            bodies.append(replace(body, mesh=replace(body.mesh, points=at)))
+        return replace(self, bodies=tuple(bodies))
 
     def along(self, displacements: Mapping[str, np.ndarray]) -> Mapping[str, np.ndarray]:
         """Displacements in the frames of this rank's bodies (nv, d), along the axes of the world. Not collective."""
-        return (
-            displacements
-            if not self.far
-            else {name: self.frames[name].along(u) for name, u in displacements.items()}
-        )
+        return {
+            name: self.frames[name].along(u) if self.frames else u
+            for name, u in displacements.items()
+        }
 
     def act(self, time: float) -> None:
         """Set loads, clamps and rigid partners to their values at `time`. Not collective."""
@@ -204,6 +195,9 @@ def prepare(
 ) -> Assembly:
     """Mesh, assemble, pair and factor. Collective. Raises InputError, SolverError and InterruptionError, on all ranks.
 
+    Bodies that move far are factored on all nodes that contacts may join, and meet afterwards, wherever they are. Others
+    meet as drawn before they are factored, on the rows of their contacts alone.
+
     Parameters
     ----------
     world : at most as many ranks as the scene has bodies
@@ -211,357 +205,203 @@ def prepare(
     clock : times the phases mesh, assemble and factor
     refinement : the meshes of `scene`, but for geometries, are this many times finer than the given ones
     sizes : of the elements of geometries, by the names of this rank's bodies, once an accuracy target refines them
-    factor : False for an assembly that is only checked, see `Member`
+    factor : False for an assembly that is only checked, see `Factored`
     kept : stages of earlier cases, which this case reuses where it does not change them
     """
-    clock, team = clock or Clock(), team_of(world)
-    if team and not kept:
+    clock = clock or Clock()
+    if (team := team_of(world)) and not kept:
         with agreed(world):
             team.do("drop")  # matrices of the last mesh
     kept = kept or Kept()
     kept.begin(conditions())
-    homes = homes_of([body.name for body in scene.body], world)
-    mine = [body for body in scene.body if homes[body.name] == world.rank]
-    at_body: dict[str, list[tuple[SettledContact, int]]] = {body.name: [] for body in mine}
-    for contact in scene.contact:
-        for side, name in enumerate(contact.bodies):
-            if name in at_body:
-                at_body[name].append((contact, side))
-    contacts = [
-        contact for contact in scene.contact if not at_body.keys().isdisjoint(contact.bodies)
-    ]
-    exchange = Exchange(
-        world,
-        [
-            Ends(
-                contact.name,
-                homes[contact.bodies[0]],
-                homes.get(contact.bodies[1], homes[contact.bodies[0]]),
-            )
-            for contact in contacts
-        ],
-    )
-    meshes: dict[str, Mesh] = {}
-    bodies: dict[str, Elasticity] = {}
-    sides: dict[tuple[str, int], Side] = {}
+    share = Share.of(world, scene, kept)
     with clock.phase("mesh"), agreed(world):
-        for spec in mine:
-            touching = at_body[spec.name]
-            meshes[spec.name] = _mesh(
-                scene,
-                spec,
-                folder,
-                [contact.on[side] for contact, side in touching],
-                sizes.get(spec.name),
-                kept,
-            )
-            for contact, side in touching:
-                with naming(f"contact.{contact.name}.on"):
-                    meshes[spec.name].facets(contact.on[side])
-            interrupt.check()
+        mesh_bodies(share, folder, sizes)
     with clock.phase("assemble"):
         with agreed(world):
-            for spec in mine:
-                mesh = meshes[spec.name]
-                elasticity = _assemble(mesh, spec, at_body[spec.name], kept)
-                bodies[spec.name] = elasticity
-                touching = at_body[spec.name]
-                for contact, side in touching:
-                    others = [(other, which) for other, which in touching if other is not contact]
-                    depends = (
-                        spec.name,
-                        kept.key("supports", spec.name),
-                        spec.material,
-                        contact.on[side],
-                        [(other.on[which], holds_along(other)) for other, which in others],
-                    )
-                    sides[contact.name, side] = kept.get(
-                        "side",
-                        f"{contact.name}.{side}",
-                        depends,
-                        partial(_side, mesh, elasticity, spec, contact.on[side], others),
-                    )
-                interrupt.check()
+            mine = assemble_bodies(share)
         # Sides are small. The ranks of both bodies get both of them and compute the same interface, bit for bit.
-        both = exchange.swap_objects(sides)
+        sides = share.exchange.swap_objects(mine)
+        drawn = {} if scene.far else meet_as_drawn(share, sides, refinement)
+    with clock.phase("factor"):
+        bodies = plan_bodies(share, drawn, team if factor else None)
         with agreed(world):
-            # Gaps and clamps are linear between turning points, so the worst overlap is at one of them, or at time 0.
-            times = (
-                scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
-            )
-            specs, factors = (
-                {body.name: body for body in scene.body},
-                {time: scene.factors(time) for time in times},
-            )
-            joined = (
-                {
-                    contact.name: _join(
-                        scene,
-                        contact,
-                        both[contact.name],
-                        [specs[name] for name in contact.bodies if name in specs],
-                        factors,
-                        refinement,
-                        kept,
-                    )
-                    for contact in contacts
-                }
-                if not scene.far
-                else {}
-            )
-            _check_method(scene, bodies, [interface for interface, _ in joined.values()])
-        joined = kept_by_bonds(scene, joined, world)
-        interfaces = [interface for interface, _ in joined.values()]
-    # the bodies of all ranks on a machine share its memory evenly; a team has the memory of all its machines
-    memory = (
-        kept.memory(free_memory) / (ranks_beside(world) * max(len(mine), 1)) if not team else 0.0
-    )
-    if team:
-        with agreed(world):
-            memory = kept.memory(lambda: team.do("room"))
-    members, histories = list[Member](), [None, *scene.followed]
-    # time.tolerance takes 1 and 2 load steps at least; iterations of the published method take ten times the products
-    solves = (len(scene.legs) * (scene.time.steps or 3) if scene.time else 1) * (
-        10 if scene.method.by_body else 1
-    )
-    with clock.phase("factor"), agreed(world):
-        for spec in mine:
-            elasticity = bodies[spec.name]
-            points = meshes[spec.name].points[elasticity.nodes]
-            if factor and team and team.comm.size > 1:
-                elasticity = replace(
-                    elasticity,
-                    A=kept.get(
-                        "matrix",
-                        spec.name,
-                        kept.key("stiffness", spec.name),
-                        partial(
-                            TeamMatrix,
-                            team,
-                            elasticity,
-                            points,
-                            partial(assemble, meshes[spec.name], spec),
-                        ),
-                    ),
-                )
-            if scene.far:
-                faces = [sides[contact.name, side] for contact, side in at_body[spec.name]]
-                members.append(
-                    FarMember(elasticity, scene, meshes[spec.name], spec, faces, memory, points)
-                )
-                continue
-            ours = [joined[contact.name][0] for contact, _ in at_body[spec.name]]
-            members.append(
-                Member(
-                    spec.name,
-                    elasticity,
-                    ours,
-                    scene.method.compliance,
-                    memory,
-                    histories,
-                    points,
-                    solves,
-                )
-            )
-        # factors are most of the memory: those that are not used again are freed before others are made
-        kept.expect("compliance", {member.name: member.depends(kept) for member in members})
-        for member in members if factor else ():
-            member.factor(kept)
-            interrupt.check()
+            # factors are most of the memory: those that are not used again are freed before others are made
+            kept.expect("compliance", {body.name: body.depends(kept) for body in bodies})
+            for body in bodies if factor else ():
+                body.factor(kept)
+                interrupt.check()
     kept.end()
-    # from here on each interface is on its first body's rank only
-    owned = {contact for contact, first, _ in exchange.ends if first == world.rank}
-    far, frames = None, dict[str, Frame]()
+    met = {name: interface for name, (interface, _) in drawn.items()}
+    contacts, free, placement = share.contacts, dict[str, FreeFrame](), Placement()
     if scene.far:
-        with agreed(world):
-            chosen = [
-                with_slave(first, second, contact) if second else contact
-                for contact in contacts
-                for first, second in [both[contact.name]]
-            ]
-        movers = [member for member in members if isinstance(member, FarMember)]
-        free = merged(world, {member.name: member.free for member in movers if member.free})
-        facing = world.allgather(
-            {
-                contact.bodies[1]: first.xy
-                for contact in contacts
-                for first, second in [both[contact.name]]
-                if not second
-            }
-        )
-        free |= {
-            rigid.name: FreeFrame.of(
-                freed, np.concatenate([at[rigid.name] for at in facing if rigid.name in at])
-            )
-            for rigid in scene.rigid
-            if (freed := freed_part(rigid.motion))
-        }
-        far, frames = Far(chosen, both, movers, free), frames_of(scene, 0.0)
-        met, space = far.meet(world, scene, exchange, frames, {})
-        members = list(met)
-    else:
-        space = Space(
-            [interface for interface in interfaces if interface.name in owned], world, exchange.sent
-        )
-        exchange.connect(space, [member.parts for member in members])
-    told = _doubts(
-        scene,
-        gathered(world, {name: body.warnings for name, body in bodies.items() if body.warnings}),
-        gathered(world, {name: warnings for name, (_, warnings) in joined.items() if warnings}),
-    )
-    numbers = [body.name for body in scene.body]
+        contacts, free = with_slaves(contacts, sides), free_frames(world, scene, bodies, sides)
+        placement = Placement(frames=frames_of(scene, 0.0))
+        met = meet_far(world, scene, contacts, sides, placement)
+    joint = _couple(scene, share.exchange, bodies, met, placement.frames, free)
     return Assembly(
         world,
         scene,
         tuple(
-            Body(numbers.index(spec.name), spec, meshes[spec.name], member)
-            for spec, member in zip(mine, members, strict=True)
+            Body(part.number, part.spec, part.mesh, member)
+            for part, member in zip(share.parts, joint.members, strict=True)
         ),
-        space,
-        exchange,
-        Joint(
-            members,
-            exchange,
-            space,
-            histories,
-            scene.pushed,
-            scene.bolts,
-            far.driven(scene, frames) if far else None,
-        ),
-        world.allreduce(sum(body.n for body in bodies.values())),
-        world.allreduce(sum(interface.m for interface in space.interfaces)),
-        told,
-        {
-            name: [word for stage, words in REUSED.items() if stage in stages for word in words]
-            for name, stages in kept.found.items()
-        },
-        far=far,
-        frames=frames,
-    )
-
-
-def _mesh(
-    scene: Settled,
-    spec: SettledBody,
-    folder: Path,
-    contacts: Sequence[str],
-    sizes: Sizes | None,
-    kept: Kept,
-) -> Mesh:
-    """The mesh of a body, which depends on what the scene says of it and on the content of its file, and resolves the
-    groups on which something acts. Not collective. Raises InputError."""
-    file = content(spec, folder)
-    depends = (
-        spec.mesh,
-        kept.key("file", spec.name) if file is None else file,
+        joint.space,
+        share.exchange,
+        joint,
+        world.allreduce(sum(part.problem.n for part in share.parts)),
+        world.allreduce(sum(interface.m for interface in joint.space.interfaces)),
+        _doubts(share, drawn),
+        _reused(kept),
         contacts,
-        sizes,
-        scene.dimension,
-        scene.axisymmetric,
-        [(name, acting.on) for name, acting in spec.acting],
-    )
-    return kept.get(
-        "mesh",
-        spec.name,
-        depends,
-        lambda: build_mesh(spec, folder, contacts, sizes, scene.dimension, scene.axisymmetric),
+        sides,
+        free,
+        placement,
     )
 
 
-def _assemble(
-    mesh: Mesh, spec: SettledBody, touching: Sequence[tuple[SettledContact, int]], kept: Kept
-) -> Elasticity:
-    """The discrete problem of a body, which warns of a mesh, of a file or a drawing, whose cells are not connected as
-    they look. `touching` are its contacts. Not collective. Raises InputError."""
-    seam = None
-    if not spec.mesh.shape:
-        groups = {contact.on[side] for contact, side in touching}
-        groups |= {acting.on for name, acting in spec.acting if name != "clamp"}
-        depends = kept.key("mesh", spec.name), sorted(groups)
-        seam = kept.get("seam", spec.name, depends, lambda: find_seam(mesh, groups, spec.name))
-    warnings = [seam.words(spec.name)] if seam else []
-    try:
-        elasticity = assemble(mesh, spec, kept)
-    except InputError as error:  # a piece may be loose because of the seam
-        raise InputError("; ".join([str(error), *warnings])) from None
-    return replace(elasticity, warnings=[*warnings, *elasticity.warnings])
+def meet_as_drawn(
+    share: Share, sides: Mapping[str, BothSides], refinement: int
+) -> dict[str, Drawn]:
+    """The interfaces of this rank's contacts where bodies are drawn, with warnings. Collective. Raises InputError."""
+    scene, world = share.scene, share.exchange.world
+    with agreed(world):
+        # Gaps and clamps are linear between turning points, so the worst overlap is at one of them, or at time 0.
+        times = scene.legs if scene.time is None or scene.time.steps == 1 else [0.0, *scene.legs]
+        factors = {time: scene.factors(time) for time in times}
+        specs = {body.name: body for body in scene.body}
+        joined = {}
+        for contact in share.contacts:
+            bodies = [specs[name] for name in contact.bodies if name in specs]
+            joined[contact.name] = _join(
+                scene, contact, sides[contact.name], bodies, factors, refinement, share.kept
+            )
+        _check_method(share, [interface for interface, _ in joined.values()])
+    return kept_by_bonds(scene, joined, world)
 
 
-def _doubts(
-    scene: Settled, by_body: Mapping[str, list[str]], by_contact: Mapping[str, list[str]]
-) -> list[str]:
-    """All warnings about a scene, in its order, from those by body and by contact; one line for each kind."""
+def plan_bodies(share: Share, drawn: Mapping[str, Drawn], team: Team | None) -> list[Factored]:
+    """This rank's bodies with their candidates, before any is factored, by the ranks of a `team` if there is one: of
+    those that move far all nodes of their sides, of others the rows of their interfaces as `drawn`. Collective. Raises
+    InputError."""
+    scene, kept, world = share.scene, share.kept, share.exchange.world
+    bodies, histories = list[Factored](), [None, *scene.followed]
+    memory = _memory(share, team_of(world))
+    # time.tolerance takes 1 and 2 load steps at least; iterations of the published method take ten times the products
+    steps = len(scene.legs) * (scene.time.steps or 3) if scene.time else 1
+    solves = steps * (10 if scene.method.by_body else 1)
+    with agreed(world):
+        for part in share.parts:
+            name, mesh, problem = part.spec.name, part.mesh, part.problem
+            points = mesh.points[problem.nodes]
+            if team and team.comm.size > 1:
+                whole = partial(assemble, mesh, part.spec)
+                make = partial(TeamMatrix, team, problem, points, whole)
+                matrix = kept.get("matrix", name, kept.key("stiffness", name), make)
+                problem = replace(problem, A=matrix)
+            if scene.far:
+                bodies.append(Framed(problem, scene, mesh, part.spec, part.sides, memory))
+                continue
+            ours = Sides(name, [drawn[contact.name][0] for contact, _ in part.touching])
+            kind, B = scene.method.compliance, ours.rows(problem)
+            bodies.append(Factored(name, problem, B, kind, memory, histories, points, solves))
+    return bodies
+
+
+def _memory(share: Share, team: Team | None) -> float:
+    """The memory (bytes) that each body of this rank may take. Collective."""
+    # the bodies of all ranks on a machine share its memory evenly; a team has the memory of all its machines
+    world, kept = share.exchange.world, share.kept
+    if team:
+        with agreed(world):
+            return kept.memory(lambda: team.do("room"))
+    return kept.memory(free_memory) / (ranks_beside(world) * max(len(share.parts), 1))
+
+
+def _couple(
+    scene: Settled,
+    exchange: Exchange,
+    bodies: Sequence[Factored],
+    met: Mapping[str, Interface],
+    frames: Mapping[str, Frame],
+    free: Mapping[str, FreeFrame],
+) -> Joint:
+    """The operator of all bodies on the interfaces where they have `met`; `bodies` are those of this rank. Collective."""
+    ours: dict[str, list[Interface]] = {body.name: [] for body in bodies}
+    for interface in met.values():
+        for name in ours.keys() & set(interface.bodies):
+            ours[name].append(interface)
+    members = [Member(body, ours[body.name], frames.get(body.name)) for body in bodies]
+    # from here on each interface is on its first body's rank only
+    owned = [met[name] for name, first, _ in exchange.ends if first == exchange.world.rank]
+    space = Space(owned, exchange.world, exchange.sent)
+    exchange.connect(space, [member.parts for member in members])
+    driven = [Driven.of(rigid, space) for rigid in scene.pushed]
+    driven += map(Driven.of_bond, scene.bolts)
+    driven += [
+        Driven.of_frame(rigid.name, free[rigid.name], frames[rigid.name])
+        for rigid in scene.rigid
+        if rigid.name in free
+    ]
+    return Joint(members, exchange, space, [None, *scene.followed], driven, scene.far)
+
+
+def _reused(kept: Kept) -> dict[str, list[str]]:
+    """The stages that this case has reused, in words, by body or contact."""
+    return {
+        name: [word for stage, words in REUSED.items() if stage in stages for word in words]
+        for name, stages in kept.found.items()
+    }
+
+
+def _doubts(share: Share, drawn: Mapping[str, Drawn]) -> list[str]:
+    """All warnings about a scene, those of bodies first; one line for each kind. Collective."""
+    scene, world = share.scene, share.exchange.world
+    by_body = {
+        part.spec.name: part.problem.warnings for part in share.parts if part.problem.warnings
+    }
+    by_contact = {name: warnings for name, (_, warnings) in drawn.items() if warnings}
+    of_bodies, of_contacts = gathered(world, by_body), gathered(world, by_contact)
+    told = [warning for body in scene.body for warning in of_bodies.get(body.name, ())]
+    told += _idle(scene)
+    told += (doubt for contact in scene.contact for doubt in of_contacts.get(contact.name, ()))
+    return condensed(told)
+
+
+def _idle(scene: Settled) -> list[str]:
+    """Warnings of what nothing touches or follows."""
     named = {name for contact in scene.contact for name in contact.bodies}
-    return condensed(
-        [
-            *(warning for body in scene.body for warning in by_body.get(body.name, ())),
-            *(
-                f"body.{body.name}: no contact names it; it is solved alone"
-                for body in scene.body
-                if body.name not in named and (named or len(scene.body) > 1)
-            ),
-            *(
-                f"rigid.{rigid.name}: no contact names it; nothing touches it"
-                for rigid in scene.rigid
-                if rigid.name not in named
-            ),
-            *(
-                f"history.{name}: nothing follows it"
-                for name in scene.history
-                if name not in scene.followed
-            ),
-            *(
-                "time: nothing follows a history; the loads are the same in all load steps"
-                for _ in [scene.time]
-                if scene.time is not None and not scene.followed
-            ),
-            *(warning for contact in scene.contact for warning in by_contact.get(contact.name, ())),
+    idle = []
+    if named or len(scene.body) > 1:
+        idle += [
+            f"body.{body.name}: no contact names it; it is solved alone"
+            for body in scene.body
+            if body.name not in named
         ]
-    )
-
-
-def _side(
-    mesh: Mesh,
-    elasticity: Elasticity,
-    spec: SettledBody,
-    group: str,
-    others: Sequence[tuple[SettledContact, int]],
-) -> Side:
-    """The side of a body on a contact at `group`; it has the `others`, too. Not collective. Raises InputError."""
-    boundary, supports = mesh.facets(group), elasticity.supports
-    modulus = modulus_beside(mesh, material_of(mesh, spec), boundary)
-    return contact_side(
-        mesh,
-        boundary,
-        supports,
-        spec.name,
-        modulus,
-        _tied(mesh, others, supports.free, group),
-        any(group == other.on[which] for other, which in others),
-    )
-
-
-def _tied(
-    mesh: Mesh, others: Sequence[tuple[SettledContact, int]], free: np.ndarray, group: str
-) -> np.ndarray:
-    """Nodes (nv,) bool of a body that are clamped in all components or lie on one of its `others` contacts, given with
-    the side, that carries tangential forces; in space only if that has another `group`."""
-    tied = ~free.any(axis=(1, 2))
-    for contact, side in others:
-        if holds_along(contact) and (free.shape[1] == 2 or contact.on[side] != group):
-            tied[mesh.facets(contact.on[side]).nodes] = True
-    return tied
+    idle += [
+        f"rigid.{rigid.name}: no contact names it; nothing touches it"
+        for rigid in scene.rigid
+        if rigid.name not in named
+    ]
+    idle += [
+        f"history.{name}: nothing follows it"
+        for name in scene.history
+        if name not in scene.followed
+    ]
+    if scene.time is not None and not scene.followed:
+        idle.append("time: nothing follows a history; the loads are the same in all load steps")
+    return idle
 
 
 def _join(
     scene: Settled,
     contact: SettledContact,
-    sides: tuple[Side, Side | None],
+    sides: BothSides,
     specs: Sequence[SettledBody],
     factors: Mapping[float, Mapping[str | None, float]],
     refinement: int,
     kept: Kept,
-) -> tuple[Interface, list[str]]:
+) -> Drawn:
     """The interface of two sides, or of one and a rigid partner, of the bodies `specs`, and warnings. `factors` are by
     the turning points of loads, and by history. Raises InputError."""
     (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in specs}
@@ -624,21 +464,20 @@ def _join(
     return interface, idle + bare + overlaps + uncovered_profile(interface, contact)
 
 
-def _check_method(
-    scene: Settled, bodies: Mapping[str, Elasticity], interfaces: Sequence[Interface]
-) -> None:
+def _check_method(share: Share, interfaces: Sequence[Interface]) -> None:
     """InputError where a method of two bodies cannot solve the scene."""
-    if not scene.method.by_body:
+    method = share.scene.method
+    if not method.by_body:
         return
-    for name, elasticity in bodies.items():
-        if not elasticity.supported:
+    for part in share.parts:
+        if not part.problem.supported:
             raise InputError(
-                f"method.outer = {scene.method.outer!r}: the clamps of {name!r} leave a rigid motion "
+                f"method.outer = {method.outer!r}: the clamps of {part.spec.name!r} leave a rigid motion "
                 'free, so that its Neumann problems have no solution; outer = "newton", the default, '
                 "solves it"
             )
     if any(interface.one_sided.any() for interface in interfaces):
         raise InputError(
-            f"method.outer = {scene.method.outer!r}: at some contact nodes a clamp constrains one "
+            f"method.outer = {method.outer!r}: at some contact nodes a clamp constrains one "
             "body only, which this iteration does not support; the default method does"
         )

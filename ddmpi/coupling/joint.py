@@ -3,42 +3,23 @@
 from __future__ import annotations
 
 import contextlib
-import copy
 import itertools
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.sparse as sparse
 from mpi4py import MPI
 
-from ddmpi.body.elasticity import Elasticity, LoadCase, apply
-from ddmpi.body.loads import nodal_loads
-from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.coupling.coarse import CrossPoints, Driven, Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
 from ddmpi.coupling.space import Point, Space
-from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.mortar import meet
-from ddmpi.interface.trace import seen
-from ddmpi.kept.kept import Kept
-from ddmpi.mesh.mesh import Mesh
-from ddmpi.scene.bodies import SettledBody
-from ddmpi.scene.contacts import Rigid, SettledContact
-from ddmpi.scene.motions import Freed, frames_of, freed_part, parts_of
-from ddmpi.scene.scene import Settled
-from ddmpi.surface.side import Side
-from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import ROUNDING, Frame, norm
+from ddmpi.system.numbers import ROUNDING, norm
 
 STEERING = 0.1
 """With an iterative solver, a product in GMRES needs no more relative precision than this times the ratio by which
 GMRES has still to reduce its residual (Bouras and Frayssé, SIAM J. Matrix Anal. Appl. 26, 2005)."""
-
-STEPS, MOST = 100, 4000
-"""Bodies that move far have compliances for this many load steps, of at most this many nodes (in space 1.1 GiB)."""
 
 
 class Stays:
@@ -100,8 +81,8 @@ class Joint:
     members : the bodies of this rank
     exchange, space : between the bodies, and the layout of the vectors
     histories : of loads, clamps and rigid partners, None for constant ones
-    pushed, bolts : rigid partners that forces move, and contacts with a pretension: loose bodies without compliance
-    freed : rigid partners with free frames; None where bodies do not move far
+    driven : what forces move without compliance, after the loose bodies
+    far : whether bodies move far, and the operator is one of many passes
 
     Attributes
     ----------
@@ -110,14 +91,12 @@ class Joint:
     d : (size,) overlap without contact forces (m); its tangential part, from where slip begins, is set by the load step
         after `act`
     rigid : the rigid motions of loose bodies, Gᵀ = rigid.Z; of size 0 where clamps support all bodies
-    driven : `pushed`, `bolts` and `freed`
     stays : the motions that stay as they are
     slices : of the motions by body, empty for supported ones, and by driven partner
     e, K : the loads along the motions (rigid.size,) in newtons, and by how much they resist these (N/m), sparse
     neglected : forces (N) that are negligible in products whose result is kept
     steering : relative precision of products in GMRES, over the factor by which GMRES must still reduce its residual
     dear : whether a body's products are by an iterative solver
-    far : whether bodies move far, and the operator is one of many passes
     """
 
     def __init__(
@@ -126,13 +105,12 @@ class Joint:
         exchange: Exchange,
         space: Space,
         histories: Sequence[str | None] = (None,),
-        pushed: Sequence[Rigid] = (),
-        bolts: Sequence[SettledContact] = (),
-        freed: Sequence[Driven] | None = None,
+        driven: Sequence[Driven] = (),
+        far: bool = False,
     ) -> None:
         self.members, self.space, self.size = tuple(members), space, space.size
         self.neglected, self.steering = 0.0, STEERING
-        self.exchange, self.far = exchange, freed is not None
+        self.exchange, self.driven, self.far = exchange, tuple(driven), far
         ours = np.array(
             [
                 any(member.dear for member in members),
@@ -147,42 +125,14 @@ class Joint:
             )
             for name in histories
         }
-        self.driven = (
-            *(Driven.of(rigid, space) for rigid in pushed),
-            *map(Driven.of_bond, bolts),
-            *(freed or ()),
-        )
         self.rigid, self.slices = gather_motions(
             exchange, space, members, [member.G for member in members], self.driven
         )
         self.bodies = len(self.slices) - len(self.driven)
         self.stays = Stays(self.rigid.size)
         # a driven partner is a body without compliance; its rows of G s = e balance contact forces, force and moment
-        self._none, self._resisting = (
-            sparse.csr_matrix((self.rigid.size,) * 2),
-            dict[str | None, sparse.spmatrix](),
-        )
-        if freed is not None:
-            blocks = {partner.name: {partner.history: partner.resists} for partner in freed}
-            for resisting in exchange.world.allgather(
-                {
-                    member.name: member.resisting
-                    for member in members
-                    if isinstance(member, FarMember)
-                }
-            ):
-                blocks |= resisting
-            self._resisting = {
-                history: sparse.block_diag(
-                    [
-                        blocks.get(name, {}).get(history, np.zeros((at.stop - at.start,) * 2))
-                        for name, at in self.slices.items()
-                    ],
-                    "csr",
-                )
-                for history in histories
-                if any(history in by_history for by_history in blocks.values())
-            }
+        self._none = sparse.csr_matrix((self.rigid.size,) * 2)
+        self._resisting = self._resistances(histories) if far else {}
         self._pulled = {
             name: self.of_all(
                 [member.response(name)[1] for member in members],
@@ -191,6 +141,22 @@ class Joint:
             for name in histories
         }
         self.act(dict.fromkeys(histories, 1.0))
+
+    def _resistances(self, histories: Sequence[str | None]) -> dict[str | None, sparse.spmatrix]:
+        """K (rigid.size, rigid.size) of the loads of all bodies and partners by history (N/m)."""
+        ours = {member.name: member.resisting for member in self.members}
+        blocks = {partner.name: {partner.history: partner.resists} for partner in self.driven}
+        for resisting in self.exchange.world.allgather(ours):
+            blocks |= resisting
+        resistances = {}
+        for history in histories:
+            if any(history in by_history for by_history in blocks.values()):
+                parts = [
+                    blocks[name].get(history, np.zeros((at.stop - at.start,) * 2))
+                    for name, at in self.slices.items()
+                ]
+                resistances[history] = sparse.block_diag(parts, "csr")
+        return resistances
 
     def keep(self, bonds: Collection[str], alpha: np.ndarray) -> None:
         """From the next `act` on, keep the offsets that the pretensions of these `bonds`, and of no others, have in the
@@ -411,249 +377,3 @@ class Joint:
     def multiplications(self) -> int:
         """Multiplications by A_a⁻¹ so far, of all bodies."""
         return self.exchange.world.allreduce(sum(member.C.count.total() for member in self.members))
-
-
-class FarMember(Member):
-    """A body that moves far, with the compliance of all nodes that contacts may join, in its frame.
-
-    Parameters
-    ----------
-    mesh, body : its mesh and specification
-    faces : its sides on contacts
-    Otherwise as of a `Member`. Raises InputError where clamps leave a part of the rigid motions free, or the compliance
-    is not worth while.
-
-    Attributes
-    ----------
-    free : the free components of its frame, or None
-    resisting : K (j, j) of its loads by history, see `FreeFrame.resists` (N/m)
-    """
-
-    resisting: dict[str | None, np.ndarray]
-
-    def __init__(
-        self,
-        elasticity: Elasticity,
-        scene: Settled,
-        mesh: Mesh,
-        body: SettledBody,
-        faces: Sequence[Side],
-        memory: float,
-        points: np.ndarray,
-    ) -> None:
-        nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in faces)]))
-        super().__init__(
-            body.name,
-            elasticity,
-            [],
-            scene.method.compliance,
-            memory,
-            [None, *scene.followed],
-            points,
-            STEPS,
-            nodes,
-        )
-        loose, d, freed = not elasticity.supported, mesh.dimension, freed_part(body.motion)
-        if loose and (
-            body.motion
-            or elasticity.motions.shape[2] < (1 if mesh.axisymmetric else d * (d + 1) // 2)
-        ):
-            raise InputError(
-                f'body.{body.name}: clamps leave a rigid motion free; with time.motions = "far" they '
-                "must fix a body in its frame; free the motion of the frame, as in motion = { free = "
-                '["y"] }, or leave clamps and motion out for a body that moves freely'
-            )
-        if self.size and (self.kind == "iterative" or len(nodes) > MOST):
-            why = self.reason if self.kind == "iterative" else f"at most {MOST} are possible"
-            raise InputError(
-                f'body.{body.name}: with time.motions = "far" it needs a dense compliance of all '
-                f"{len(nodes)} nodes of its contacts, and {why}: name smaller groups, or take a coarser "
-                "mesh"
-            )
-        if (
-            self.kind == "direct" and self._B.count_nonzero()
-        ):  # columns by solves would take a hundred times as long
-            self.kind = self._asked = "explicit"
-        self._drawn, self._whole, self._dead = (
-            mesh.points,
-            np.empty((0, 0)),
-            dict[str | None, np.ndarray](),
-        )
-        # the frame of a loose body is the rigid motion of its contact nodes, by least squares
-        self.free = (
-            FreeFrame.of(
-                freed,
-                self._drawn[nodes] if loose and len(nodes) else self._drawn,
-                mesh.axisymmetric,
-            )
-            if loose or freed
-            else None
-        )
-        turns = any(motion.turn for motion in parts_of(body.motion)) or bool(
-            self.free and len(self.free.turns)
-        )
-        self._following = {
-            history: nodal_loads(mesh, body, history, np.zeros((d, d))) if turns else case.f
-            for history, case in elasticity.cases.items()
-        }
-
-    def factor(self, kept: Kept | None = None) -> Member:
-        """As of a `Member`; and the response to dead loads in all directions, for a frame that turns."""
-        super().factor(kept)
-        self._whole = super().dense()
-        for history, case in self.elasticity.cases.items():
-            dead, free, d = (
-                case.f - self._following[history],
-                self.elasticity.supports.free,
-                case.f.shape[1],
-            )
-            if dead.any():
-                self._dead[history] = np.array(
-                    [
-                        [
-                            self.response_to(
-                                replace(
-                                    case,
-                                    prescribed=0.0 * case.f,
-                                    b=apply(free, np.outer(dead[:, i], axis))[
-                                        self.elasticity.nodes
-                                    ].ravel(),
-                                )
-                            )[0]
-                            for axis in np.eye(d)
-                        ]
-                        for i in range(d)
-                    ]
-                )
-        return self
-
-    def meet(self, interfaces: Sequence[Interface], frame: Frame) -> FarMember:
-        """The same body at interfaces of its candidate nodes, in its frame, on the same factors. Not collective."""
-        other, turned = copy.copy(self), frame.turned
-        other._join(interfaces)
-        other._B = other._rows()
-        other.size = other._B.shape[0]
-        W, d = (
-            other._B[:, self._B.indices],
-            len(turned),
-        )  # rows of `self._B` are unit vectors: W = B B₀ᵀ
-        if self.free:
-            other.motions = self.free.motions(self._drawn, turned)
-        other.G = np.vstack(
-            [
-                np.empty((0, other.size)),
-                *(other.trace(motion)[None] for motion in np.moveaxis(other.motions, 2, 0)),
-            ]
-        )
-        cases, other._responses, other.resisting = dict[str | None, LoadCase](), {}, {}
-        for history, case in self.elasticity.cases.items():
-            follow, h = self._following[history], self._responses[history][0]
-            dead = (case.f - follow) @ turned  # in a frame that turns they turn back
-            change = follow + dead - case.f
-            cases[history] = replace(
-                case,
-                f=case.f + change,
-                b=case.b
-                + apply(self.elasticity.supports.free, change)[self.elasticity.nodes].ravel(),
-            )
-            if history in self._dead:
-                h = h + np.einsum("ij,ijk->k", turned - np.eye(d), self._dead[history])
-            e = np.einsum("nij,ni->j", other.motions, follow + dead)
-            if self.free:
-                other.resisting[history] = self.free.resists(self._drawn, turned, dead, follow)
-            other._responses[history] = W @ h + other.trace(case.prescribed), e
-        if self.free and self.free.part:  # its history is one of elasticity.cases
-            history = self.free.history
-            other._responses[history] = (
-                other._responses[history][0],
-                other._responses[history][1] + self.free.push,
-            )
-            other.resisting[history] += self.free.levers
-        other.h = sum((h for h, _ in other._responses.values()), np.zeros(1))
-        other.e = sum((e for _, e in other._responses.values()), np.zeros(1))
-        other.elasticity = replace(self.elasticity, cases=cases)
-        if hasattr(self, "C"):
-            other.C = self.C.seen(W, self._whole)
-            other._set_up = self.C.count.copy()
-        return other
-
-    def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
-        self.C.mult(x, y, purpose, relative)  # which is centred
-
-    def dense(self) -> np.ndarray:
-        return self.C.dense()
-
-
-@dataclass(frozen=True)
-class Far:
-    """What bodies that move far keep wherever they go.
-
-    Attributes
-    ----------
-    contacts : of this rank's bodies, each with its slave
-    sides : of both bodies in their frames, by contact; None for a rigid partner
-    members : of this rank, with the compliance of all nodes that contacts may join
-    free : the free components of the frames of all bodies and rigid partners, by name
-    reach : by time and contact, see `mortar.meet`; left out, overlaps are looked for by the bodies' thickness
-    freed : how far free frames have gone, by time
-    """
-
-    contacts: Sequence[SettledContact]
-    sides: Mapping[str, tuple[Side, Side | None]]
-    members: Sequence[FarMember]
-    free: Mapping[str, FreeFrame]
-    reach: dict[float, Mapping[str, tuple[float, float]]] = field(default_factory=dict)
-    freed: dict[float, Freed] = field(default_factory=dict)
-
-    def driven(self, scene: Settled, frames: Mapping[str, Frame]) -> list[Driven]:
-        """The rigid partners with free frames, where their frames are."""
-        return [
-            Driven.of_frame(rigid.name, self.free[rigid.name], frames[rigid.name])
-            for rigid in scene.rigid
-            if rigid.name in self.free
-        ]
-
-    def frames(self, scene: Settled, time: float) -> dict[str, Frame]:
-        """The frames of all bodies and rigid partners at `time`, by name."""
-        return frames_of(scene, time, self.freed.get(time))
-
-    def meet(
-        self,
-        world: MPI.Comm,
-        scene: Settled,
-        exchange: Exchange,
-        frames: Mapping[str, Frame],
-        reach: Mapping[str, tuple[float, float]],
-    ) -> tuple[list[FarMember], Space]:
-        """The bodies with their contacts where their frames are, and the layout of the contacts that this rank owns.
-        Collective. Raises InputError."""
-        with agreed(world):
-            rigid = {partner.name: partner for partner in scene.rigid}
-            met = {
-                contact.name: meet(
-                    contact,
-                    self.sides[contact.name],
-                    frames,
-                    rigid,
-                    reach.get(contact.name, (None, np.inf)),
-                )
-                for contact in self.contacts
-            }
-        members = [
-            member.meet(
-                [
-                    seen(met[contact.name], frames[member.name])
-                    for contact in self.contacts
-                    if member.name in contact.bodies
-                ],
-                frames[member.name],
-            )
-            for member in self.members
-        ]
-        space = Space(
-            [met[name] for name, first, _ in exchange.ends if first == world.rank],
-            world,
-            exchange.sent,
-        )
-        exchange.connect(space, [member.parts for member in members])
-        return members, space

@@ -2,243 +2,77 @@
 
 from __future__ import annotations
 
-import copy
-import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import scipy.sparse as sparse
-from petsc4py import PETSc
 
-from ddmpi.body.compliance import Compliance, plan_compliance
+from ddmpi.body.compliance import Compliance
 from ddmpi.body.elasticity import Elasticity, LoadCase, apply
-from ddmpi.body.rigid_motions import Centring, add_springs, support
-from ddmpi.body.solver import StiffnessSolver
-from ddmpi.coupling.team import TeamMatrix, TeamSolver
+from ddmpi.coupling.factored import Factored
+from ddmpi.coupling.sides import Sides
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.trace import (
-    components,
-    displacement_trace,
-    nodal_forces,
-    normal_trace,
-    sliding_trace,
-    trace,
-)
-from ddmpi.kept.kept import Kept
+from ddmpi.interface.trace import nodal_forces, seen
 from ddmpi.petsc.events import event
-from ddmpi.petsc.options import ask, asked_for
-from ddmpi.system.numbers import ROUNDING, norm
+from ddmpi.system.numbers import ROUNDING, Frame, norm
 
 
-class Member:
+class Member(Sides):
     """One body at its interfaces.
 
     At its interfaces a body moves by B u = h − C s + Gᵀα with its rigid motions α, none if clamps support it. A loose
-    body is in equilibrium if G s = e; its C and h are centred: without rigid motions, in the least-squares sense.
+    body is in equilibrium if G s = e.
 
     Parameters
     ----------
-    name : of the body
-    elasticity : A, b of the body
-    interfaces : of the body, in the order of their entries in a vector; may be empty
-    compliance, memory : kind of the compliance, and the bytes that it may use, see `Compliance`
-    histories : of the scene's loads and clamps, None for constant ones
-    points : (k, d) positions of the nodes that A acts on, see `Compliance`
-    solves : number of problems, such as load steps, to be solved with C
-    candidates : nodes that contacts may join; the rows of B are then the components of all of them
+    body : whose candidates these interfaces join
+    interfaces : of the body; may be empty
+    frame : in which it moves far; without one it is met as drawn, and its candidates are the rows of its interfaces
 
     Attributes
     ----------
-    kind, reason : of the `Compliance`, as far as they are known before A is factored
-    dear : whether its products are by an iterative solver
-    began : by contact, displacements (nv, d) from which slip counts (m), of bodies that move far
-    C : contact compliance B A⁻¹ Bᵀ with its counts, from `factor` on; not centred, so multiply by `mult`
-    h : (size,) B A⁻¹ b, the contact displacement without contact forces (m), zero until `factor`; of a loose body, with
-        forces that balance the load
-    size : length of the body's vectors
-    parts : by contact, the slice of its entries in a vector, and the side, 0 or 1, of the body
-    motions : (nv, d, j) the rigid motions that clamps leave free, see `Elasticity`
-    G : (j, size) contact displacements of the rigid motions that clamps leave free
-    e : (j,) the load along these motions (N); equal to G s in equilibrium
+    C : contact compliance with its counts, once the body is factored; multiply by `mult`
+    h : (size,) B A⁻¹ b, the contact displacement without contact forces (m), as of `Factored`, and that of clamps
+    motions, G, e, dear, resisting : as of `Factored`, under the present loads
 
     Methods that use C are collective on the body's communicator, the others are not.
     """
 
+    C: Compliance
     _acting: Mapping[str | None, float] | None
     _elasticity: Elasticity
 
     def __init__(
-        self,
-        name: str,
-        elasticity: Elasticity,
-        interfaces: Sequence[Interface],
-        compliance: str | None = None,
-        memory: float = np.inf,
-        histories: Sequence[str | None] = (None,),
-        points: np.ndarray | None = None,
-        solves: int = 1,
-        candidates: np.ndarray | None = None,
+        self, body: Factored, interfaces: Sequence[Interface], frame: Frame | None = None
     ) -> None:
-        self.name, self.elasticity, self._histories = name, elasticity, tuple(histories)
-        self._join(interfaces)
-        A, b = elasticity.A, elasticity.b
-        B = self._rows() if candidates is None else components(elasticity, candidates)
-        self.motions = elasticity.motions
-        motions = self.motions[elasticity.nodes]
-        R = motions.reshape(A.size[1], motions.shape[2])
-        self.size = B.shape[0]
-        # G = Rᵀ Bᵀ and e = Rᵀ b, with the free rigid motions R as columns in A's dofs.
-        self.G, self.e = np.ascontiguousarray((B @ R).T), R.T @ b.array_r
-        self._R = R
-        self._centring: Centring | None = None
-        # where contact forces act faintly on motions, with the centring's K: the motions' contact displacements
-        # (q, size), B A⁻¹ K (size, q), and Kᵀ A⁻¹ K (q, q)
-        self._even: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        self.dear = False
-        self._B, self._points, self._asked, self._memory = B, points, compliance, memory
-        self._for = bool(A.getAttr("coarse")), solves
-        self.kind, self.reason = plan_compliance(A, B, compliance, memory, *self._for)
+        met = [seen(interface, frame) for interface in interfaces] if frame else interfaces
+        super().__init__(body.name, met)
+        at = body.placed(self, frame)
+        self.body, self.name, self.dear = body, body.name, body.dear
+        self.elasticity, self.motions, self.G = at.elasticity, at.motions, at.G
+        self.resisting = at.resisting
+        # B has no entries at clamped dofs, whose prescribed displacements move the contact by a constant
         self._responses = {
-            name: (np.zeros(self.size), R.T @ case.b) for name, case in elasticity.cases.items()
+            history: (h + self.trace(self.elasticity.cases[history].prescribed), e)
+            for history, (h, e) in at.responses.items()
         }
-
-    def _join(self, interfaces: Sequence[Interface]) -> None:
-        """Take part in these interfaces."""
-        self.interfaces, self.began = tuple(interfaces), dict[str, np.ndarray]()
-        ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
-        self._sides = [
-            (interface, slice(start, stop), interface.side(self.name))
-            for interface, (start, stop) in zip(
-                self.interfaces, itertools.pairwise(ends), strict=True
-            )
-        ]
-        self.parts = {interface.name: (entries, side) for interface, entries, side in self._sides}
-
-    def _rows(self) -> sparse.csr_matrix:
-        """B (size, columns of A) of the interfaces."""
-        none = sparse.csr_matrix((0, self.elasticity.A.size[1]))
-        return sparse.vstack(
-            [
-                none,
-                *(trace(interface, side, self.elasticity) for interface, _, side in self._sides),
-            ],
-            format="csr",
+        self.h, self.e = (
+            sum((response[k] for response in self._responses.values()), np.zeros(1)) for k in (0, 1)
         )
+        if C := getattr(at, "C", None):
+            self.C, self._set_up = C, C.count.copy()
+            self._operator = C if frame else body
 
     def local(self) -> np.ndarray:
         """(size,) the compliance that the diagonal of A alone gives an unknown (m/N). Not collective."""
-        return self._B.multiply(self._B) @ (1.0 / self.elasticity.A.getDiagonal().array_r)
+        return self.C.B.multiply(self.C.B) @ (1.0 / self.elasticity.A.getDiagonal().array_r)
 
-    def factor(self, kept: Kept | None = None) -> Member:
-        """Factor A and solve for the loads, unless this is `kept`; return self. Collective on the body's communicator.
-        Raises SolverError."""
-        kept = kept or Kept()
-        if not self.elasticity.supported:
-            # A is singular. With springs on a few dofs its inverse is a generalised inverse of A; centring removes what
-            # depends on the springs: C ← P C P, h ← P h, P = 1 − Gᵀ(G Gᵀ)⁺G; and what `_even` adds.
-            self._centring = Centring(self._R, self._B)
-        # not kept for another case if the solver is iterative, as it starts from earlier solutions
-        self.C, options = kept.get(
-            "compliance",
-            self.name,
-            self.depends(kept),
-            self._compliance,
-            lambda value: value[0].solver.direct,
-        )
-        self.C.renew()
-        ask(options)
-        self.dear = self.C.kind == "iterative"
-        if self._centring and self._centring.faint.any():
-            K = self._centring.K
-            u = kept.get(
-                "faint motions",
-                self.name,
-                (kept.key("compliance", self.name), K),
-                lambda: np.array([self._solved(load) for load in K.T]).T,
-            )
-            self.C.count["faint motions"] += K.shape[1]
-            w = K.T @ u
-            self._even = self._centring.faint, self._B @ u, (w + w.T) / 2
-        self._responses = {
-            name: self.response_to(
-                case,
-                get=partial(
-                    kept.get,
-                    f"displacement by {name}",
-                    self.name,
-                    (kept.key("compliance", self.name), case.b),
-                ),
-            )
-            for name, case in self.elasticity.cases.items()
-        }
-        self.h = sum((h for h, _ in self._responses.values()), np.zeros(1))
-        self._set_up = self.C.count.copy()
-        return self
-
-    def depends(self, kept: Kept) -> tuple:
-        """What C depends on, see `Kept.get`. Not collective."""
-        return kept.key("stiffness", self.name), self._B, self.kind, self.reason
-
-    def _compliance(self) -> tuple[Compliance, set[str]]:
-        """The compliance, and the options that PETSc was asked for. Collective on the body's communicator."""
-        A, shared = self.elasticity.A, isinstance(self.elasticity.A, TeamMatrix)
-        with asked_for() as options:
-            if not self.elasticity.supported:
-                dofs = support(self.motions[self.elasticity.nodes])
-                A = A.with_springs(dofs) if shared else add_springs(A, dofs)
-            return Compliance(
-                A,
-                self._B,
-                self.name,
-                self._asked,
-                self._memory,
-                TeamSolver if shared else StiffnessSolver,
-                self._points,
-                *self._for,
-            ), options
-
-    def response_to(
-        self,
-        case: LoadCase,
-        purpose: str = "load",
-        get: Callable[[Callable[[], np.ndarray]], np.ndarray] = lambda make: make(),
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """h (size,) and e (j,) of one load case; `get` computes B A⁻¹ b or has kept it. Collective on the body's
-        communicator."""
-        h = np.zeros(self.C.size)
-        if self.C.size and case.b.any():
-            self.C.count[purpose] += 1
-            h = get(partial(self._free, case.b))
-        # B has no entries at clamped dofs, whose prescribed displacements move the contact by a constant
-        return h + (
-            self.trace(case.prescribed) if case.prescribed.any() else 0.0
-        ), self._R.T @ case.b
-
-    def push(self, case: LoadCase) -> np.ndarray:
-        """(j,) a load case along the rigid motions (N). Not collective."""
-        return self._R.T @ case.b
-
-    def _free(self, load: np.ndarray) -> np.ndarray:
-        """B A⁻¹ b (size,) of a load b (d k,). Collective on the body's communicator."""
-        b = self.elasticity.b.duplicate()
-        b.array[:] = load
-        u = self._solved(self._balanced(b).array_r)
-        h = self.C.B @ u
-        if self._centring is None:
-            return h
-        h = self._centring.project(h)
-        return h - self._centring.faint.T @ (self._centring.K.T @ u) if self._even else h
-
-    def _solved(self, load: np.ndarray) -> np.ndarray:
-        """A⁻¹ b (n,) of a load b (n,), which the caller counts. Collective on the body's communicator."""
-        b, u = self.elasticity.b.duplicate(), self.elasticity.b.duplicate()
-        b.array[:] = load
-        with event("LoadResponse"):
-            self.C.solver.solve(b, u)
-        return u.array_r.copy()
+    def response_to(self, case: LoadCase, purpose: str) -> tuple[np.ndarray, np.ndarray]:
+        """h (size,) and e (j,) of one load case. Collective on the body's communicator."""
+        h = self.body.response_to(case.b, purpose)
+        return h + self.trace(case.prescribed), self.body.push(case)
 
     def response(self, history: str | None) -> tuple[np.ndarray, np.ndarray]:
         """h (size,) and e (j,) of the loads and clamps with this history, at its factor 1; zero if there are none."""
@@ -263,7 +97,7 @@ class Member:
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set loads and prescribed displacements to these `factors` by history. Not collective."""
         self._acting = factors  # `elasticity` sums the loads on all nodes when it is asked for
-        self._factors = np.array([factors[name] for name in self._histories])
+        self._factors = np.array([factors[name] for name in self.body.histories])
         self.h, self.e = (
             sum(
                 (factors[name] * response[k] for name, response in self._responses.items()),
@@ -328,18 +162,7 @@ class Member:
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), centred; both (size,), `relative` as for `Compliance.mult`. Collective."""
-        if self._centring is None:
-            self.C.mult(x, y, purpose, relative)
-        else:
-            # P C P is symmetric, and does not depend on the springs
-            centred = self._centring.project(x)
-            self.C.mult(centred, y, purpose, relative)
-            y[:] = self._centring.project(y)
-            if self._even:
-                # B Π A⁻¹ Πᵀ Bᵀ with Πᵀ Bᵀ x = Bᵀ P x − K F x and W = B A⁻¹ K: of the faint motions F
-                F, W, w = self._even
-                along = F @ x
-                y += F.T @ (w @ along - W.T @ centred) - self._centring.project(W @ along)
+        self._operator.mult(x, y, purpose, relative)
 
     @property
     def known(self) -> bool:
@@ -348,23 +171,15 @@ class Member:
 
     def dense(self) -> np.ndarray:
         """C (size, size) as a matrix, centred (m/N)."""
-        C = self.C.dense()
-        if self._centring is None:
-            return C
-        C = self._centring.project(self._centring.project(C).T)
-        if self._even:  # as in `mult`
-            F, W, w = self._even
-            both = self._centring.project(W) @ F
-            C = C - both - both.T + F.T @ w @ F
-        return C
+        return self._operator.dense()
 
     def restart(self) -> None:
         """Count multiplications from the set-up on, for another iteration on the same factors."""
         self.C.count = self._set_up.copy()
 
     def loaded_by(self, case: LoadCase) -> Member:
-        """The same body under another load case alone, on the same factors. Not collective."""
-        other, b = copy.copy(self), self.elasticity.b.duplicate()
+        """The same body, drawn and not moved, under another load case alone, on the same factors. Not collective."""
+        other, b = Member(self.body, self.interfaces), self.elasticity.b.duplicate()
         b.array[:] = case.b
         other.elasticity = replace(self.elasticity, b=b, acting=case)
         return other
@@ -373,12 +188,6 @@ class Member:
         """Estimate ‖C‖ now, as a part of the set-up. Collective on the body's communicator."""
         self.C.norm()
         self._set_up["norm"] = self.C.count["norm"]
-
-    def trace(self, u: np.ndarray) -> np.ndarray:
-        """B u (size,) in metres, of a displacement (nv, d) of all nodes. Not collective."""
-        return np.concatenate(
-            [np.empty(0), *(displacement_trace(met, side, u) for met, _, side in self._sides)]
-        )
 
     def pull(self, s: np.ndarray) -> np.ndarray:
         """−Bᵀ s (nv, d): what contact forces s (size,) do to all nodes of the body (N). Not collective."""
@@ -390,30 +199,6 @@ class Member:
             np.zeros(self.motions.shape[:2]),
         )
 
-    def beside(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
-        """Displacements (m) that belong to no unknown, by contact and side: normal ones at the interfaces' probes, and
-        tangential ones of nodes without friction. Not collective."""
-        return {
-            (interface.name, side): (
-                normal_trace(side, interface.probes, u),
-                sliding_trace(interface, side, u - self.began.get(interface.name, 0.0)),
-            )
-            for interface, _, side in self._sides
-        }
-
-    def begin(self, began: Mapping[str, np.ndarray]) -> np.ndarray:
-        """Displacement (size,) from which slip counts (m), by `began`: those (nv, d) of all nodes, by contact."""
-        self.began = dict(began)
-        return np.concatenate(
-            [
-                np.empty(0),
-                *(
-                    displacement_trace(met, side, self.began[met.name])
-                    for met, _, side in self._sides
-                ),
-            ]
-        )
-
     def work(self, u: np.ndarray, s: np.ndarray) -> np.ndarray:
         """Work of loads, reactions and heat along displacements: (2, k) in J, by history in the order of the scene.
 
@@ -421,8 +206,8 @@ class Member:
         present loads and contact forces s (size,); the second R·p − ∫ σ : ε for the reactions R of clamps, with the
         displacements p and thermal strains ε of the history. Not collective.
         """
-        joules, acting = np.zeros((2, len(self._histories))), self.elasticity.acting
-        for k, name in enumerate(self._histories):
+        joules, acting = np.zeros((2, len(self.body.histories))), self.elasticity.acting
+        for k, name in enumerate(self.body.histories):
             case = self.elasticity.cases.get(name)
             if case:
                 joules[0, k] = (case.f * u).sum()
@@ -442,9 +227,11 @@ class Member:
         displacement of its loads without clamps and heat. Collective on the body's communicator. Raises SolverError.
         """
         now, none = self.elasticity, np.zeros(self.size)
-        self._joules = np.zeros((2, len(self._histories), len(self._histories)))
-        self._pushed, self._along = np.zeros((2, len(self._histories), self.size))
-        for k, (name, case) in enumerate((name, now.cases.get(name)) for name in self._histories):
+        self._joules = np.zeros((2, len(self.body.histories), len(self.body.histories)))
+        self._pushed, self._along = np.zeros((2, len(self.body.histories), self.size))
+        for k, (name, case) in enumerate(
+            (name, now.cases.get(name)) for name in self.body.histories
+        ):
             if case:
                 self.elasticity = now.under({other: float(other == name) for other in now.cases})
                 self._joules[:, :, k] = self.work(self.displacement(none)[0], none)
@@ -453,9 +240,7 @@ class Member:
                     loads = apply(
                         self.elasticity.supports.free[now.nodes], case.f[now.nodes]
                     ).ravel()
-                    self._pushed[k] = self.response_to(
-                        replace(case, b=loads, prescribed=0.0 * case.prescribed)
-                    )[0]
+                    self._pushed[k] = self.body.response_to(loads)
         self.elasticity = now
 
     def at_contacts(
@@ -480,7 +265,7 @@ class Member:
         work[1] += (self._along - self._pushed) @ s
         # Clapeyron: twice the energy is the work of loads, clamps, heat and contact forces; rigid motions do none in it
         energy = 0.5 * float(self._factors @ work.sum(axis=0) - s @ (self.h - yielded))
-        work[0] += np.array([self.response(name)[1] @ alpha for name in self._histories])
+        work[0] += np.array([self.response(name)[1] @ alpha for name in self.body.histories])
         return self.h + self.G.T @ alpha - yielded, yielded, energy, work
 
     def displacement(
@@ -509,11 +294,11 @@ class Member:
             self.C.spread(s, f)
             size = max(f.norm(), b.norm())
             f.aypx(-1.0, b)
-            load = self._balanced(f)
+            load = self.body.balanced(f)
             if load.norm() > 0.0:
                 self.C.solve(load, u, purpose, ROUNDING)  # the certificate checks this solve
-            if self._centring:
-                u.array[:] = self._centring.centre(u.array_r)
+            if self.body.centring:
+                u.array[:] = self.body.centring.centre(u.array_r)
             Au = u.duplicate()
             # A is the stiffness without springs, so the residual has the loads that contact forces do not balance
             A.mult(u, Au)
@@ -532,11 +317,3 @@ class Member:
                 size,
                 energy,
             )
-
-    def _balanced(self, f: PETSc.Vec) -> PETSc.Vec:
-        """The load f; of a loose body, f plus contact forces that balance it."""
-        if self._centring is None:
-            return f
-        balanced = f.duplicate()
-        balanced.array[:] = self._centring.balance(f.array_r)
-        return balanced

@@ -43,18 +43,7 @@ class WorkingRanks:
         that cannot reach all ranks of a body is raised on one rank only, with `agreed` False.
         """
         check_ranks(self.world, scene)
-        number = (
-            []
-            if self.world.size <= len(scene.body)
-            else place_ranks([count_nodes(body.mesh) for body in scene.body], self.world.size)
-        )
-        if number != self._number:
-            self.end()
-            if number:
-                self._place(number)
-        elif self._failed and self._roots != MPI.COMM_NULL:
-            self._left.append(self._roots)
-            self._take(self._roots.Dup())  # no message of the case that failed may reach this one
+        self._arrange(scene)
         team, result, failure = self._team, None, None
         if team is not None:
             give_back()  # several ranks a body are used where memory is short; else page faults cost a sixth of a run
@@ -84,6 +73,20 @@ class WorkingRanks:
             agree(self.world, failure)
         self._failed = self._lost = False
         return result
+
+    def _arrange(self, scene: Settled) -> None:
+        """Make teams, where those of the case before are of other numbers of ranks."""
+        number = []
+        if self.world.size > len(scene.body):
+            nodes = [count_nodes(body.mesh) for body in scene.body]
+            number = place_ranks(nodes, self.world.size)
+        if number != self._number:
+            self.end()
+            if number:
+                self._place(number)
+        elif self._failed and self._roots != MPI.COMM_NULL:
+            self._left.append(self._roots)
+            self._take(self._roots.Dup())  # no message of the case that failed may reach this one
 
     def _place(self, number: list[int]) -> None:
         """Make teams, for more ranks than bodies; `number` is the body of each rank."""

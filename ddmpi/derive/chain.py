@@ -99,11 +99,9 @@ class Chain:
         """The derivatives at the end of a load step, of the `answer` of `outer`. `now` and `before` are the beginnings
         of the step and of the step before; None without load steps. `drawn` is its time in the histories, if another.
         """
-        space, joint, since = (
-            self.assembly.space,
-            self.assembly.joint,
-            now.derived if now else self.first(time),
-        )
+        space = self.assembly.space
+        joint = self.assembly.joint
+        since = now.derived if now else self.first(time)
         if not since:
             return {}
         assert isinstance(outer, Newton)
@@ -219,10 +217,8 @@ class Chain:
         """The derivative (size,) of where slip begins in the step to `time`, by the k-th parameter (m)."""
         span = now.time - before.time  # zero at a turning point
         share = (time - now.time) / span if span else 0.0
-        closed, rate = (
-            (now.closed, now.derived["closed"][k]),
-            (now.closed - before.closed, now.derived["closed"][k] - before.derived["closed"][k]),
-        )
+        closed = (now.closed, now.derived["closed"][k])
+        rate = (now.closed - before.closed, now.derived["closed"][k] - before.derived["closed"][k])
         return np.concatenate(
             [
                 np.empty(0),
@@ -261,10 +257,8 @@ def _rubbed(
 ) -> float:
     """The derivative of `ContactState.dissipated`, the sum of ½ (g_n + g_n−1) |u_t| over the nodes that slip, from
     those of r (size,) in metres and of the bounds (mt,) in newtons."""
-    slip, resistance = (
-        state.slip[law.sliding],
-        np.broadcast_to(state.resistance, state.gap.shape)[law.sliding],
-    )
+    slip = state.slip[law.sliding]
+    resistance = np.broadcast_to(state.resistance, state.gap.shape)[law.sliding]
     size, rubs = magnitude(slip), resistance > 0.0
     longer = (slip * -law.split(dr)[1]).sum(axis=1) / np.where(size > 0.0, size, 1.0)
     return float((resistance * longer + 0.5 * (dnew + dold) * size)[rubs].sum())

@@ -155,10 +155,8 @@ def measures(state: ContactState) -> dict[str, np.ndarray]:
     the change of the result: all are linear in the forces, as directions stay."""
     interface, law, m = state.interface, state.interface.law, state.interface.m
     # The force on the first body is −Σ s · directions.
-    along, peak = (
-        interface.directions,
-        np.argmax(state.pressure),
-    )
+    along = interface.directions
+    peak = np.argmax(state.pressure)
     at = interface.places[law.node]
     normal, pressure = np.repeat([1.0, 0.0], [m, law.size - m]), np.zeros(law.size)
     pressure[peak] = replace(state, normal_force=np.ones(m)).pressure[peak]

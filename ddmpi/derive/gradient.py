@@ -134,7 +134,7 @@ def _pull(assembly: Assembly, one: Parameter, answer: Answered) -> np.ndarray:
     cases = one.load(assembly, answer.displacements, 1.0)
     for body in assembly.bodies:
         if body.spec.name in cases:
-            pull[slices[body.spec.name]] += body.member.push(cases[body.spec.name])
+            pull[slices[body.spec.name]] += body.member.body.push(cases[body.spec.name])
     return pull
 
 

@@ -175,12 +175,10 @@ class Law:
         unknown = np.repeat(~slips[:, None], self.components, axis=1)
         unknown[:, 1:] |= turns[:, None]  # a bound of zero has no friction that turns
         slope = self.slope(active.pressure)
-        coupling, given, spring, turn = (
-            np.zeros(self.size),
-            np.zeros(self.size),
-            np.zeros(self.size),
-            None,
-        )
+        coupling = np.zeros(self.size)
+        given = np.zeros(self.size)
+        spring = np.zeros(self.size)
+        turn = None
         tangential = slice(self.m, self.size)
         coupling[tangential] = (active.slip * slope[:, None]).ravel()
         given[tangential] = (

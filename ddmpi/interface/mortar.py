@@ -21,7 +21,7 @@ import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
-from ddmpi.interface.interface import Drawing, Geometry, Interface, Lines, Places
+from ddmpi.interface.interface import Drawing, Geometry, Interface, Lines, Partner, Places
 from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid, faces_rigid, pair
 from ddmpi.interface.rows import (
@@ -43,7 +43,7 @@ from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, outlined
 from ddmpi.surface.side import Side, nodal, unit
-from ddmpi.system.numbers import SAME, Frame, in_words
+from ddmpi.system.numbers import SAME, Frame, RigidMotion, in_words
 
 SLIVER = 0.02
 """A facet covered by a smaller fraction has a constant dual function: 1 at the nearest corner, 0 at the others."""
@@ -184,6 +184,7 @@ def apart(contact: SettledContact, first: Side, second: Side | None = None) -> I
         ),
         modulus=1.0 / (1.0 / first.modulus + 1.0 / modulus),
         slave=contact.slave,
+        partner=Partner(RigidMotion(np.zeros(d))),
         fixed=nowhere,
         probes=nowhere,
         drawing=Drawing(

@@ -466,11 +466,9 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     """
     facets, place = np.unique(over.facet, return_inverse=True)
     kept = np.isin(corners.facet, facets)
-    at, number, d = (
-        corners.at[kept],
-        np.searchsorted(facets, corners.facet[kept]),
-        corners.at.shape[1],
-    )
+    at = corners.at[kept]
+    number = np.searchsorted(facets, corners.facet[kept])
+    d = corners.at.shape[1]
     most, least = np.zeros((len(facets), d)), np.ones((len(facets), d))
     np.maximum.at(most, number, at)
     np.minimum.at(least, number, at)

@@ -216,11 +216,9 @@ class ContactState:
             )
         }
         if solid:
-            forces, slip = (
-                self.forces[lines.row].T * interface.shares + 0.0,
-                self.along(self.slip)[lines.row].T + 0.0,
-            )
             # Adding 0.0 makes −0.0 a zero.
+            forces = self.forces[lines.row].T * interface.shares + 0.0
+            slip = self.along(self.slip)[lines.row].T + 0.0
             columns |= zip(
                 ("force_x", "force_y", "force_z", "slip_x", "slip_y", "slip_z"),
                 (*forces, *slip),
@@ -327,10 +325,8 @@ def contact_state(
         before[:] = slides[1]
         slip = slides[0] - before
     # nodes without tangential unknowns stick, or slip if the contact has no friction; open nodes are neither
-    status, resistance = (
-        np.full(m, "slip" if law.frictionless else "stick", dtype="U5"),
-        np.zeros(m),
-    )
+    status = np.full(m, "slip" if law.frictionless else "stick", dtype="U5")
+    resistance = np.zeros(m)
     slips, closed = law.reaches_bound(s, bound), law.closed(s, ON_BOUND)
     status[sliding[slips]] = "slip"
     status[~closed] = "open"

@@ -189,7 +189,7 @@ def _of_contacts(
     found = {}
     for name, (slid, largest) in _moved(assembly, displacements, states).items():
         state = states[name]
-        warnings = [] if assembly.far else [*_far_slip(assembly, state, slid)]
+        warnings = [] if assembly.frames else [*_far_slip(assembly, state, slid)]
         warnings += _overlap_between(here, state, largest)
         warnings += _left(assembly, state)
         warnings += _held_through_air(state, LIMIT["idle"] * most, assembly.scene.units["length"])
@@ -228,7 +228,7 @@ def _moved(
 def _left(assembly: Assembly, state: ContactState) -> Iterator[str]:
     """That bodies that move far have left each other, where they do not face each other any more."""
     interface = state.interface
-    if assembly.far is not None and not interface.m:
+    if assembly.frames and not interface.m:
         yield Doubt(
             f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other; the contact "
             "carries no forces",
@@ -444,7 +444,7 @@ def _of_forces(assembly: Assembly, state: ContactState, moved: float) -> list[st
     """Warnings of forces that rounding of displacements up to `moved` (m) decides, else of pressures on too few nodes: a
     finer mesh resolves no rounding."""
     rounding = [*_lost_in_rounding(state, moved, assembly.scene.units)]
-    return rounding or [*(_few_nodes(state) if assembly.far else _unresolved_zone(state))]
+    return rounding or [*(_few_nodes(state) if assembly.frames else _unresolved_zone(state))]
 
 
 def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str]) -> Iterator[str]:

@@ -75,10 +75,8 @@ def draw_bodies(results: Results) -> Any:
     values, quantity, unit = coloured(results, fields)
     values, still = skin.extended(values), skin.extended(results.points + shift)
     facets, at = skin.facets, still + skin.extended(results.displacement(scale))
-    seen, moved = (
-        values[np.unique(facets)],
-        float(np.linalg.norm(results.displacement(), axis=1).max()),
-    )
+    seen = values[np.unique(facets)]
+    moved = float(np.linalg.norm(results.displacement(), axis=1).max())
     low, top = (
         (0.0, limits(values, skin.areas(results.points), BRIGHTEST)[1])
         if quantity != "displacement"

@@ -43,11 +43,9 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     suit as well (m). Not collective.
     """
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
-    owner, names, contacts = (
-        owners(results),
-        list(results.summary["bodies"]),
-        results.summary["scene"]["contact"],
-    )
+    owner = owners(results)
+    names = list(results.summary["bodies"])
+    contacts = results.summary["scene"]["contact"]
     tables = [results.contacts[contact["name"]] for contact in contacts]
     follows = [
         contact["gap"].get("history") if isinstance(contact.get("gap"), dict) else None
@@ -181,10 +179,8 @@ def apart(results: Results, view: View) -> dict[str, np.ndarray]:
     scene, names = results.summary["scene"], results.parts
     rows, aims = np.zeros((len(scene["contact"]), len(names))), np.zeros((len(scene["contact"]), 3))
     for row, aim, contact in zip(rows, aims, scene["contact"], strict=True):
-        table, points = (
-            results.contacts[contact["name"]],
-            results.surfaces[contact["name"]]["points"],
-        )
+        table = results.contacts[contact["name"]]
+        points = results.surfaces[contact["name"]]["points"]
         if not table["area"].any():
             continue
         mean, least, axes = directions(vectors(table, "n"), table["area"])
@@ -214,10 +210,8 @@ def painted_by(
     factor: float,
 ) -> Iterator[tuple[Surface, np.ndarray]]:
     """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
-    view, off = (
-        View(results.points, results.summary["scene"]["output"]),
-        ABOVE * np.ptp(results.points, axis=0).max(),
-    )
+    view = View(results.points, results.summary["scene"]["output"])
+    off = ABOVE * np.ptp(results.points, axis=0).max()
     for contact in (each for each in results.summary["scene"]["contact"] if each["name"] in names):
         points, _, outward, faces = covered(results, contact)
         pressure = np.nan_to_num(results.surfaces[contact["name"]]["pressure"]) / factor

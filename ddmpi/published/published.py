@@ -106,11 +106,9 @@ class Subproblem:
         Raises SolverError. Collective on the body's communicator. Slides: Steps 1 and 2 of (DD)_h,
         and "Further modifications".
         """
-        C, d, allowed = (
-            self.member.C,
-            self.member.h - self._sign * lam,
-            self.constraints(bound, algorithm),
-        )
+        C = self.member.C
+        d = self.member.h - self._sign * lam
+        allowed = self.constraints(bound, algorithm)
         if self.role == 2:  # body 2 has the contact condition, with the initial gap
             d[self._normal] -= self.interface.gap
         # a block is the whole QP with the other forces held: the product C s contains C_νt s_t or C_tν s_ν

@@ -153,11 +153,9 @@ class QPSolver:
         with self._solved(problem, "python", tolerance) as tao:
             s = problem.unscaled(tao.getSolution().array_r, 0.0)
             Cs = problem.displacement * tao.getGradient()[0].array_r + qp.d
-            steps, iterations, reason = (
-                tao.getPythonContext().steps,
-                tao.getIterationNumber(),
-                tao.getConvergedReason(),
-            )
+            steps = tao.getPythonContext().steps
+            iterations = tao.getIterationNumber()
+            reason = tao.getConvergedReason()
         if tolerance < FRESH * problem.displacement:  # the recurrence may be off by rounding
             Cs = multiply(s, problem.displacement)
         return QPResult(
@@ -167,11 +165,9 @@ class QPSolver:
     def _petsc(
         self, qp: QP, s: np.ndarray, Cs: np.ndarray, tolerance: float, multiply: Product
     ) -> QPResult:
-        moving, asked, iterations = (
-            np.flatnonzero(qp.constraints.lower < qp.constraints.upper),
-            tolerance,
-            0,
-        )
+        moving = np.flatnonzero(qp.constraints.lower < qp.constraints.upper)
+        asked = tolerance
+        iterations = 0
         for _ in range(ATTEMPTS):
             problem = (_Explicit if self.type == "bqpip" else _Scaled)(qp, moving, s, Cs, multiply)
             s = s.copy()

@@ -37,7 +37,7 @@ from ddmpi.system.hdf5 import read_apart, read_tree
 
 log = logging.getLogger("ddmpi")
 
-FORMAT, BLOCK = b"ddmpi checkpoint 19 sha256 ", 512
+FORMAT, BLOCK = b"ddmpi checkpoint 20 sha256 ", 512
 """The beginning of HDF5's user block, before the digest of the rest; the block's size, the smallest that HDF5 has."""
 
 KIND = "a checkpoint of this version of ddmpi"
@@ -165,10 +165,8 @@ class Checkpoints:
         Collective. Raises InputError on all ranks when the checkpoint is of other meshes.
         """
         self._followed = objects | {"ladder": self._ladder, "exchange": assembly.exchange}
-        members = (
-            assembly.far.members if assembly.far else [body.member for body in assembly.bodies]
-        )
-        self._followed |= {f"compliance of {member.name}": member.C for member in members}
+        factored = [body.member.body for body in assembly.bodies]
+        self._followed |= {f"compliance of {body.name}": body.C for body in factored}
         self._mesh = _digest(assembly)
         if self.continuing:
             with agreed(assembly.world):

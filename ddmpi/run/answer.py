@@ -265,15 +265,11 @@ class Model:
             options.use({})
         seconds = clock.largest(world)
         states = merged(world, solved.solution.states if solved else {})
-        none = {key: Entry(contacts={}, bodies={}) for key in settled.output.derivatives}
-        arrays = {
-            key: solved.steps.derived[1].get(key, none[key]) if solved else none[key]
-            for key in none
-        }
-        derived = {
-            key: Entry(contacts=merged(world, entry.contacts), bodies=entry.bodies)
-            for key, entry in arrays.items()
-        }
+        arrays, none = solved.steps.derived[1] if solved else {}, Entry(contacts={}, bodies={})
+        derived = {}
+        for key in settled.output.derivatives:
+            entry = arrays.get(key, none)
+            derived[key] = Entry(contacts=merged(world, entry.contacts), bodies=entry.bodies)
         more = {"started_from": start.summary["run"]} if start else {}
         summary = world.bcast(solved.summary | {"seconds": seconds} | more if solved else None)
         self.reused = summary["reused"]

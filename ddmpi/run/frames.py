@@ -70,8 +70,7 @@ def began(
     displacements (nv, d) in its frame of now (m): seen from the frame of the second body, which is where it is now. Not
     collective."""
     starts, now = {}, assembly.frames
-    assert assembly.far
-    for contact in assembly.far.contacts:
+    for contact in assembly.contacts:
         if name in contact.bodies:
             second = contact.bodies[1]
             carried = now[second].after(then[second].undone).after(then[name])
@@ -88,7 +87,7 @@ def way_down(assembly: Assembly) -> np.ndarray:
         np.zeros(assembly.joint.rigid.size),
         np.inf,
     )
-    for name, frame in assembly.far.free.items() if assembly.far else ():
+    for name, frame in assembly.free.items():
         shifts = slice(joint.slices[name].start, joint.slices[name].start + len(frame.axes))
         along[shifts] = joint.e[shifts]
     closing = joint.rigid.spread(along)

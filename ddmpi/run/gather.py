@@ -14,6 +14,7 @@ from mpi4py import MPI
 from ddmpi.body.estimate import DiscretizationError, nodal_stress
 from ddmpi.body.stress import stress, von_mises
 from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.coupling.far import Placement
 from ddmpi.coupling.ranks import team_of
 from ddmpi.errors import OutputError
 from ddmpi.interface.state import ContactState, ContactTotals
@@ -85,10 +86,11 @@ class StepLog:
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
     derived : the derivatives at the end of the last leg, of results and of arrays, as of `ddmpi.derive.entries_of`;
         and by key why there is none
+    places : of bodies that move far, where they are at the end of each step, by time
     """
 
     def __init__(self) -> None:
-        self.doubts = dict[str, Doubt]()
+        self.doubts, self.places = dict[str, Doubt](), dict[float, Placement]()
         self.derived: tuple[dict[str, Any], ...] = {}, {}, {}
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
         self.run, self.change = 0, math.nan
@@ -498,9 +500,9 @@ def _write_tables(path: Path, solved: Solved) -> None:
     write_steps(path, steps.steps)
     if assembly.scene.time:
         write_energies(path, steps.energies, steps.steps)
-    if far := assembly.far:
+    if places := steps.places:
         times = [step["time"] for step in steps.steps]
-        write_frames(path, [(time, far.frames(assembly.scene, time)) for time in times])
+        write_frames(path, [(time, places[time].frames) for time in times])
     if solved.solution.mechanism:
         write_mechanism(path, solved.solution.mechanism)
 
@@ -525,8 +527,8 @@ def _write_steps(path: Path, solved: Solved) -> list[Leg]:
     told = {step["time"]: step for step in solved.summary.get("steps", ())}
     for number, (time, s, alpha, *values) in enumerate(steps.kept):
         states, last = solved.solution.states, time == solved.solution.time
-        if assembly.far and not last:  # bodies meet elsewhere
-            assembly = assembly.meet(time)
+        if steps.places and not last:  # bodies meet elsewhere
+            assembly = assembly.meet(steps.places[time])
             states = {
                 met.name: replace(states[met.name], interface=met)
                 for met in assembly.space.interfaces
@@ -574,7 +576,7 @@ def _write_step(
             tables = {name: table_fields(state, True) for name, (state, _) in leg.items()}
     if not scene.output.only:
         with event("WriteFields"):
-            far = tables if assembly.far else None
+            far = tables if assembly.frames else None
             write_fields(path, fields, surfaces, world, number, far)
     return gathered(world, forces)
 

@@ -20,11 +20,13 @@ from typing import Any
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.coupling.far import Placement
 from ddmpi.derive.chain import Chain
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.mortar import meet
 from ddmpi.interface.state import Rows, forces_by_node, rows_of, values_by_node
+from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Report, Step, no_report
 from ddmpi.results.checkpoint import Checkpoints
@@ -32,7 +34,7 @@ from ddmpi.run.frames import began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
 from ddmpi.run.marks import Mark
 from ddmpi.run.recover import NOTHING
-from ddmpi.run.solve import Iteration, Solution, solve
+from ddmpi.run.solve import Iteration, Solution, Start, solve
 from ddmpi.run.steps import March
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.motions import Freed, frames_of
@@ -90,17 +92,52 @@ class Memory:
         return s * (float(rows["bound"][0]) / now if rows and now else 0.0)
 
 
+class Passes:
+    """The passes of a step so far.
+
+    Attributes
+    ----------
+    number : of the present one
+    steps, counts : of all passes before the present one, as of `Outer` and `StatusLog`
+    """
+
+    def __init__(self) -> None:
+        self.number, self.steps, self.counts = 1, list[Step](), list[tuple[int, int, int]]()
+        self._least, self._idle = np.inf, 0
+        self._changes = list[tuple[np.ndarray, np.ndarray]]()
+
+    def useless(self, far_off: float) -> bool:
+        """Whether another pass is useless, after one whose α moves contacts by `far_off` (m)."""
+        self._idle = 0 if far_off <= SHRINKS * self._least else self._idle + 1
+        self._least = min(self._least, far_off)
+        return self._idle == PATIENCE or self.number == PASSES
+
+    def next(self, alpha: np.ndarray, near: bool) -> np.ndarray:
+        """How the frames move next, by what the passes before say if they are `near` to where they settle."""
+        self._changes = self._changes[-DEPTH:] if near else []
+        return _mixed(self._changes, alpha)
+
+    def went(self, alpha: np.ndarray, step: np.ndarray, outer: Newton, statuses: StatusLog) -> None:
+        """Note that the frames go by a `step` after a pass with the motions α."""
+        self.number += 1
+        self.steps += outer.history
+        self.counts += statuses.counts
+        self._changes.append((alpha, step))
+
+    def join(self, outer: Newton, statuses: StatusLog) -> None:
+        """Let the record of the last pass have the steps of all."""
+        rows = [*self.steps, *outer.history]
+        outer.history[:] = [row._replace(iteration=k) for k, row in enumerate(rows, 1)]
+        statuses.counts[:0] = self.counts
+
+
 class FarMarch(March):
     """The load steps of bodies that move far. Everything is collective."""
 
     def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
-        assert assembly.far
-        self._far = assembly.far
         still = np.zeros({2: 3, 3: 6}[assembly.scene.dimension])
-        first = Memory(0.0, dict.fromkeys(self._far.free, still), {}, {}, _deepest(assembly))
-        self._whole: frozenset[str] = (
-            frozenset()
-        )  # contacts of which no rows are left out in the present step
+        first = Memory(0.0, dict.fromkeys(assembly.free, still), {}, {}, _deepest(assembly))
+        self._whole = frozenset[str]()  # contacts of which no rows are left out in this step
         super().__init__(assembly, iteration, log)
         self._now = self._before = self._base = self._coarse = replace(self._now, memory=first)
 
@@ -126,72 +163,23 @@ class FarMarch(March):
 
     def _settle(self, time: float) -> Solution:
         """Place the bodies at `time`, and solve, until free frames have settled."""
-        memory, far, clock, mark = self._now.memory, self._far, self.iteration.clock, self._now
-        least, idle = np.inf, 0
-        far.freed[time], rows, settled = self._ahead_of(time), memory.contacts, not far.free
-        stopped = ""
-        steps, counts, changes = (
-            list[Step](),
-            list[tuple[int, int, int]](),
-            list[tuple[np.ndarray, np.ndarray]](),
-        )
-        for number in range(PASSES):
-            self._now = mark
-            start = self._place(time, memory, rows, number > 0)
-            if not far.free:
-                break
-            if not number and (fall := way_down(self.assembly)).any():
-                self._go(time, fall)
-                start = self._place(time, memory, rows, False)
-            with clock.phase("outer"):
-                stopped = self.outer.run(self.iteration.method.tolerance)
-            moved = self.assembly.joint.rigid.spread(self.outer.motions)
-            given = self.assembly.joint.product(self.outer.forces, "newton")
-            far_off, size = self.assembly.space.norms([moved, given])
-            log.debug(
-                "time %g, pass %d: frames moved contacts by %.1e m, forces by %.1e m",
-                time,
-                number + 1,
-                far_off,
-                size,
-            )
-            settled = stopped == "converged" and far_off <= SETTLED * size
-            idle = 0 if far_off <= SHRINKS * least else idle + 1
-            least = min(least, far_off)
-            if settled or stopped != "converged" or idle == PATIENCE or number == PASSES - 1:
-                break
-            steps += self.outer.history
-            counts += self.iteration.statuses.counts
-            rows, alpha = (
-                {
-                    interface.name: forces_by_node(interface, self.outer.forces[part])
-                    for interface, part in self.assembly.space.with_slices()
-                },
-                self.outer.motions,
-            )
-            changes = changes[-DEPTH:] if far_off <= NEAR * size else []
-            step = _mixed(changes, alpha)
-            changes.append((alpha, self._go(time, step) * step))
-            self._count()
-        largest = self.log.most["sizes"]
+        memory, passes, free = self._now.memory, Passes(), self.assembly.free
+        start, stopped = self._passes(time, passes)
         since = start, memory.forces_at, self._now.slid
-        if settled or stopped != "converged":
-            solution = self.iteration.solve(None, since, largest)
-            if far.free and solution.stopped == "stalled":
-                solution = replace(solution, stopped="unsettled")
+        largest = self.log.most["sizes"]
+        if stopped == "unsettled":
+            solution = self.iteration.conclude(stopped, since, largest)
         else:
-            solution = self.iteration.conclude("unsettled", since, largest)
-        # the record has the steps of all passes
-        self.outer.history[:] = [
-            row._replace(iteration=k + 1) for k, row in enumerate([*steps, *self.outer.history])
-        ]
-        self.iteration.statuses.counts[:0] = counts
-        if settled:
-            _refuse_passing(self.assembly, memory, time)
-        if settled and far.free and len(self._ahead) == 1:  # the end of a leg
-            self.log.doubt(time, instability(self.assembly, self.outer))
+            solution = self.iteration.solve(None, since, largest)
+            if free and solution.stopped == "stalled":
+                solution = replace(solution, stopped="unsettled")
+        passes.join(self.outer, self.iteration.statuses)
+        if stopped == "converged":
+            _refuse_passing(self.assembly, memory)
+            if free and len(self._ahead) == 1:  # the end of a leg
+                self.log.doubt(time, instability(self.assembly, self.outer))
         self._count()
-        self._passes = number + 1
+        self._number_of_passes = passes.number
         states = {
             name: replace(state, before=values_by_node(state.interface, memory.contacts, "slip"))
             for name, state in solution.states.items()
@@ -203,33 +191,64 @@ class FarMarch(March):
         }
         return replace(solution, time=time, states=states, contacts=contacts)
 
+    def _passes(self, time: float, passes: Passes) -> tuple[np.ndarray, str]:
+        """Place the bodies, and where frames are free find forces, until the frames have settled. Where slip begins
+        (size,) in m in the last pass, and why it is the last: "converged", "unsettled", or the end of Newton's method.
+        """
+        rows, clock = self._now.memory.contacts, self.iteration.clock
+        start = self._place(time, self._ahead_of(time), rows)
+        if not self.assembly.free:
+            return start, "converged"
+        if (fall := way_down(self.assembly)).any():
+            start = self._place(time, self._gone(fall)[0], rows)
+        while True:
+            with clock.phase("outer"):
+                stopped = self.outer.run(self.iteration.method.tolerance)
+            alpha, assembly = self.outer.motions, self.assembly
+            moved = assembly.joint.rigid.spread(alpha)
+            given = assembly.joint.product(self.outer.forces, "newton")
+            far_off, size = assembly.space.norms([moved, given])
+            log.debug(
+                "time %g, pass %d: frames moved contacts by %.1e m, forces by %.1e m",
+                time,
+                passes.number,
+                far_off,
+                size,
+            )
+            if stopped != "converged" or far_off <= SETTLED * size:
+                return start, stopped
+            if passes.useless(far_off):
+                return start, "unsettled"
+            rows = {
+                interface.name: forces_by_node(interface, self.outer.forces[part])
+                for interface, part in assembly.space.with_slices()
+            }
+            step = passes.next(alpha, far_off <= NEAR * size)
+            freed, share = self._gone(step)
+            passes.went(alpha, share * step, self.outer, self.iteration.statuses)
+            self._count()
+            start = self._place(time, freed, rows, again=True)
+
     def _accept(self, time: float, solution: Solution) -> None:
         super()._accept(time, solution)
-        if self._far.free:
-            self.log.steps[-1]["passes"] = self._passes
+        self.log.places[time] = self.assembly.placement
+        if self.assembly.free:
+            self.log.steps[-1]["passes"] = self._number_of_passes
 
-    def _place(self, time: float, memory: Memory, rows: Rows, again: bool) -> np.ndarray:
+    def _place(self, time: float, freed: Freed, rows: Rows, again: bool = False) -> np.ndarray:
         """Have the bodies meet where their frames are at `time`, and begin with the forces of `rows`; where slip begins
         (size,) (m)."""
-        clock, then = self.iteration.clock, memory.frames(self.assembly.scene)
-        self._far.reach[time] = _reaches(self.assembly, memory, self._whole, time)
+        clock, memory, scene = self.iteration.clock, self._now.memory, self.assembly.scene
+        then, frames = memory.frames(scene), frames_of(scene, time, freed)
+        reach = _reaches(self.assembly, memory, self._whole, frames)
         with clock.phase("assemble"):
-            self.assembly = assembly = self.assembly.meet(time)
-        start = assembly.exchange.total(
-            [
-                body.member.begin(
-                    began(
-                        assembly,
-                        body.spec.name,
-                        body.mesh.points,
-                        memory.displacements.get(body.spec.name, 0.0),
-                        then,
-                    )
-                )
-                for body in assembly.bodies
-            ],
-            "slip",
-        )
+            self.assembly = assembly = self.assembly.meet(Placement(time, freed, frames, reach))
+        starts = []
+        for body in assembly.bodies:
+            name = body.spec.name
+            u = memory.displacements.get(name, 0.0)
+            starts.append(body.member.begin(began(assembly, name, body.mesh.points, u, then)))
+        start = assembly.exchange.total(starts, "slip")
         self._now = _seen_now(self._now, assembly, memory, start)
         sliding = start.copy()
         for interface, part in assembly.space.with_slices():
@@ -251,8 +270,8 @@ class FarMarch(March):
 
     def _count(self) -> None:
         """Have later passes count products on."""
-        for member, body in zip(self._far.members, self.assembly.bodies, strict=True):
-            member.C.count = body.member.C.count
+        for body in self.assembly.bodies:
+            body.member.body.C.count = body.member.C.count
 
     def _ahead_of(self, time: float) -> Freed:
         """Where free frames are looked for first: as far as they have gone, and on as in the step before."""
@@ -263,23 +282,17 @@ class FarMarch(March):
             name: gone + share * (gone - before.freed[name]) for name, gone in now.freed.items()
         }
 
-    def _go(self, time: float, alpha: np.ndarray) -> float:
-        """Have the free frames take a share of the motions α, all of it unless they turn far; the share."""
-        assembly, far = self.assembly, self._far
-        moved = {
-            name: far.free[name].gone(
-                gone, assembly.frames[name], alpha[assembly.joint.slices[name]]
-            )
-            for name, gone in far.freed[time].items()
-        }
+    def _gone(self, alpha: np.ndarray) -> tuple[Freed, float]:
+        """How far free frames have gone after a share of the motions α, all of it unless they turn far; the share."""
+        assembly, before = self.assembly, self.assembly.placement.freed
+        changes = {}
+        for name, gone in before.items():
+            along = alpha[assembly.joint.slices[name]]
+            changes[name] = assembly.free[name].gone(gone, assembly.frames[name], along) - gone
         turned = slice(assembly.scene.dimension, None)
-        most = max(norm((gone - far.freed[time][name])[turned]) for name, gone in moved.items())
+        most = max(norm(change[turned]) for change in changes.values())
         share = FARTHEST / max(most, FARTHEST)
-        far.freed[time] = {
-            name: far.freed[time][name] + share * (gone - far.freed[time][name])
-            for name, gone in moved.items()
-        }
-        return share
+        return {name: before[name] + share * change for name, change in changes.items()}, share
 
     def _forces(self, mark: Mark) -> np.ndarray:
         return _forces_of(
@@ -290,7 +303,7 @@ class FarMarch(March):
         assert solution.time is not None
         return Memory(
             solution.time,
-            self._far.freed[solution.time],
+            self.assembly.placement.freed,
             solution.displacements,
             {name: rows_of(state) for name, state in solution.states.items()},
             {name: total.moved for name, total in solution.contacts.items()},
@@ -323,20 +336,20 @@ class FarMarch(March):
         return False
 
     def state(self) -> dict[str, Any]:
-        return super().state() | {
-            name: {repr(time): dict(values) for time, values in getattr(self._far, name).items()}
-            for name in ("reach", "freed")
+        places = {
+            repr(time): {"freed": dict(place.freed), "reach": dict(place.reach)}
+            for time, place in self.log.places.items()
         }
+        return super().state() | {"places": places}
 
     def _recalled(self, state: dict[str, Any]) -> Mark:
         return Mark(**state | {"memory": Memory(**state["memory"])})
 
     def restore(self, state: dict[str, Any]) -> None:
         super().restore(state)
-        for name in ("reach", "freed"):
-            getattr(self._far, name).update(
-                {float(time): values for time, values in state[name].items()}
-            )
+        for time, place in state["places"].items():
+            frames = frames_of(self.assembly.scene, float(time), place["freed"])
+            self.log.places[float(time)] = Placement(float(time), frames=frames, **place)
 
 
 def _mixed(changes: Sequence[tuple[np.ndarray, np.ndarray]], alpha: np.ndarray) -> np.ndarray:
@@ -359,20 +372,19 @@ def _deepest(assembly: Assembly) -> dict[str, float]:
     }
 
 
-def _refuse_passing(assembly: Assembly, memory: Memory, time: float) -> None:
-    """InputError, on all ranks, where the motions run a body through another, at `time` or on the way since a step
-    before. Collective."""
+def _refuse_passing(assembly: Assembly, memory: Memory) -> None:
+    """InputError, on all ranks, where the motions run a body through another, where they are placed or on the way since
+    a step before. Collective."""
     now, unit, scene = _deepest(assembly), assembly.scene.units["length"], assembly.scene
-    assert assembly.far
-    ends = memory.freed, assembly.far.freed[time]
+    time, ends = assembly.placement.time, (memory.freed, assembly.placement.freed)
     rigid, then, here = (
         {each.name: each for each in scene.rigid},
         memory.frames(scene),
         assembly.frames,
     )
     with agreed(assembly.world):
-        for contact in assembly.far.contacts:
-            both = assembly.far.sides[contact.name]
+        for contact in assembly.contacts:
+            both = assembly.sides[contact.name]
             body, thin = min(
                 ((side.body, float(side.extent.min())) for side in both if side),
                 key=lambda each: each[1],
@@ -409,20 +421,18 @@ def _way(
 
 
 def _reaches(
-    assembly: Assembly, memory: Memory, whole: Collection[str], time: float
+    assembly: Assembly, memory: Memory, whole: Collection[str], now: Mapping[str, Frame]
 ) -> dict[str, tuple[float, float]]:
-    """By contact how deep overlaps may be at `time` (m): as far as bodies moved along normals before, by the motion
+    """By contact how deep overlaps may be in frames of `now` (m): as far as bodies moved along normals before, by the motion
     since then, and a facet; and how far they moved, endless where no rows are to be left out: in the first step, of
     `whole` contacts, and where frames are free."""
-    far, reach = assembly.far, {}
-    assert far
-    then, now = memory.frames(assembly.scene), far.frames(assembly.scene, time)
-    for contact in far.contacts:
-        side, moved = far.sides[contact.name][0], memory.moved[contact.name]
+    then, reach = memory.frames(assembly.scene), {}
+    for contact in assembly.contacts:
+        side, moved = assembly.sides[contact.name][0], memory.moved[contact.name]
         endless = (
             not memory.time
             or contact.name in whole
-            or not far.free.keys().isdisjoint(contact.bodies)
+            or not assembly.free.keys().isdisjoint(contact.bodies)
         )
         facet = float(side.lengths.max() ** (1.0 / (side.dimension - 1)))
         reach[contact.name] = (
@@ -467,6 +477,7 @@ def march(
     report: Report = no_report,
     checkpoints: Checkpoints | None = None,
     clock: Clock | None = None,
+    start: Start | None = None,
 ) -> tuple[Solution, StepLog, Assembly]:
     """Solve `assembly` in the load steps of its scene, without [time] in one; the solution, the record of the steps,
     and the assembly at the end.
@@ -478,7 +489,7 @@ def march(
     log = StepLog()
     if scene.time is None:
         chain, time = Chain(assembly, scene.output.derivatives), scene.legs[0]
-        solution = solve(assembly, scene.method, report, checkpoints, clock)
+        solution = solve(assembly, scene.method, report, checkpoints, clock, start)
         log.note_step(time, solution)
         if solution.certified:
             log.derive(

@@ -175,11 +175,11 @@ def _in_world(entry: dict, frame: Frame) -> dict:
 
 def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, float]]:
     """The sizes of driven partners, and of free frames with clamps, which are bodies without elasticity. Collective."""
-    joint, far, pushes = assembly.joint, assembly.far, assembly.pushes
+    joint, pushes = assembly.joint, assembly.pushes
     # what clamps hold in a free frame balances by itself; the whole of it, with its clamps, by contacts and loads
     held = {
         name: lambda interface, name=name: name in interface.bodies
-        for name, frame in (far.free if far else {}).items()
+        for name, frame in assembly.free.items()
         if frame.part and name not in pushes
     }
     unbalanced = joint.imbalance(outer.forces, outer.motions) if joint.driven or held else joint.e

@@ -46,7 +46,7 @@ from ddmpi.run.gather import Solved, StepLog, fields_of, gather_summary, write_f
 from ddmpi.run.held import coarse_words
 from ddmpi.run.places import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
-from ddmpi.run.solve import Solution
+from ddmpi.run.solve import Solution, Start
 from ddmpi.scene.keys import flatten
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agree_on_mistake, agreed, explained, gathered, merged
@@ -56,7 +56,7 @@ from ddmpi.system.provenance import versions
 
 log = logging.getLogger("ddmpi")
 
-Start = tuple[Mapping[str, ContactState], np.ndarray | None]
+Former = tuple[Mapping[str, ContactState], np.ndarray | None]
 """Of another answer: the states of its contacts, by name, and the motions of loose bodies (m), if the rank has them."""
 
 
@@ -131,7 +131,7 @@ def compute(
     restart: str | None = None,
     write: bool = True,
     kept: Kept | None = None,
-    start: Start | None = None,
+    start: Former | None = None,
     outer: type | None = None,
 ) -> Solved:
     """Solve `scene` on one mesh after the other until its accuracy target is met, and write the results. Collective.
@@ -163,12 +163,12 @@ def compute(
         assembly = prepare_scene(
             world, scene, scene_path, clock, ladder.factor, ladder.sizes, kept=kept, outer=outer
         )
-        if start:
-            assembly = replace(assembly, start=_warm(assembly, start))
+        begin = _warm(assembly, start) if start else None
         log_plan(assembly, figures)
         log_warnings(assembly.warnings, told)
         # one solve without [time], else load steps; far motions place bodies anew in each
-        solution, steps, assembly = march(assembly, log_step, checkpoints if write else None, clock)
+        noted = checkpoints if write else None
+        solution, steps, assembly = march(assembly, log_step, noted, clock, begin)
         error = _estimate(assembly, solution, clock)
         if _another_mesh(ladder, assembly, solution, error):
             return None
@@ -248,9 +248,7 @@ def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
             raise NotConvergedError(ladder.missed)
 
 
-def _warm(
-    assembly: Assembly, start: Start
-) -> Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+def _warm(assembly: Assembly, start: Former) -> Start:
     """What makes the beginning for `Newton.begin`: the forces of another answer that the laws of now allow, with their
     gaps and motions. Collective, also the call of it. Raises InputError, on all ranks, where the answer has other
     contacts or nodes, or is of load steps."""

@@ -60,6 +60,10 @@ Beginning = tuple[
 part of a vector, of those at the end (N); by contact the `ContactState.slip_total` of those without friction (m)."""
 
 
+Start = Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]]
+"""Makes the forces (size,) in N, gaps (size,) and motions of loose bodies in m to begin with. Collective."""
+
+
 @dataclass(frozen=True)
 class Solution:
     """The end of an iteration, as one rank has it.
@@ -283,18 +287,9 @@ class Iteration:
 
         Collective. Raises as the function `solve`.
         """
-        assembly, method, outer = self.assembly, self.method, self.outer
         while True:
-            try:
-                with self.clock.phase("outer"):
-                    stopped = "mechanism" if mechanism else self._stopped or self._iterated()
-            except SolverError as error:
-                if self.given > method.tolerance:
-                    error.args = (
-                        f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
-                        f"{method.tolerance:g}: leave that option out",
-                    )
-                raise
+            with self.clock.phase("outer"):
+                stopped = "mechanism" if mechanism else self._stopped or self._iterated()
             self._stopped = stopped
             self._note()  # results follow from here, whatever prevents them from being written
             with self.clock.phase("recover"):
@@ -303,15 +298,7 @@ class Iteration:
             if driven == "released":
                 continue
             solution = replace(solution, held=held)
-            worst = max(value for value, _ in solution.certificate.worst().values())
-            least, useless, steps = self._judged
-            useless = 0 if worst < USEFUL * least else useless + (len(outer.history) > steps)
-            self._judged = min(worst, least), useless, len(outer.history)
-            hopeless = (
-                useless >= USELESS
-                or self._tolerance < sys.float_info.epsilon
-                or (solution.unbalanced and not assembly.loose)
-            )
+            hopeless = self._hopeless(solution)
             if isinstance(driven, Mechanism):
                 return replace(solution, mechanism=driven, stopped="mechanism")
             if stopped != "converged" or solution.certified or hopeless:
@@ -331,11 +318,32 @@ class Iteration:
 
     def _iterated(self) -> str:
         """Why the outer method has ended, which a checkpoint keeps together with the least motion. Collective."""
-        outer = self.outer
-        stopped = self._kept(outer.run(self._tolerance))
-        if stopped == "converged" and isinstance(outer, Newton):
-            least_motion(self.assembly, outer, self._before, self._tolerance)
+        outer, tolerance = self.outer, self.method.tolerance
+        try:
+            stopped = self._kept(outer.run(self._tolerance))
+            if stopped == "converged" and isinstance(outer, Newton):
+                least_motion(self.assembly, outer, self._before, self._tolerance)
+        except SolverError as error:
+            if self.given > tolerance:
+                error.args = (
+                    f"{error}; -body_ksp_rtol {self.given:g} is too coarse for method.tolerance = "
+                    f"{tolerance:g}: leave that option out",
+                )
+            raise
         return stopped
+
+    def _hopeless(self, solution: Solution) -> bool:
+        """Whether a tighter tolerance is useless after a solution, which is noted."""
+        worst = max(value for value, _ in solution.certificate.worst().values())
+        least, useless, steps = self._judged
+        now = len(self.outer.history)
+        useless = 0 if worst < USEFUL * least else useless + (now > steps)
+        self._judged = min(worst, least), useless, now
+        return (
+            useless >= USELESS
+            or self._tolerance < sys.float_info.epsilon
+            or (solution.unbalanced and not self.assembly.loose)
+        )
 
     def _concluded(
         self,
@@ -585,8 +593,9 @@ def solve(
     report: Report = no_report,
     checkpoints: Checkpoints | None = None,
     clock: Clock | None = None,
+    start: Start | None = None,
 ) -> Solution:
-    """Solve `assembly` by `method` in one load step, from zero or from the state in `checkpoints`.
+    """Solve `assembly` by `method` in one load step, from zero, from a `start`, or from the state in `checkpoints`.
 
     `clock` times the phases outer and recover. Collective. Raises SolverError, and InterruptionError
     when a signal came; the same on all ranks.
@@ -596,8 +605,8 @@ def solve(
         mechanism = look_for_mechanism(assembly)
     iteration = Iteration(assembly, method, report, clock)
     mechanism = beyond_meshes(assembly, iteration.held, mechanism)
-    if assembly.start and isinstance(iteration.outer, Newton):
-        iteration.outer.begin(assembly.start(), foreseen=True)
+    if start and isinstance(iteration.outer, Newton):
+        iteration.outer.begin(start(), foreseen=True)
     if checkpoints:
         iteration.keep(checkpoints)
     return iteration.solve(mechanism)

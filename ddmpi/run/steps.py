@@ -81,12 +81,8 @@ class March:
     def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
         scene = assembly.scene
         assert isinstance(iteration.outer, Newton) and scene.time
-        self.assembly, self.iteration, self.outer, self.log = (
-            assembly,
-            iteration,
-            iteration.outer,
-            log,
-        )
+        self.assembly, self.iteration, self.log = assembly, iteration, log
+        self.outer = iteration.outer
         self.iterations = 0
         self._legs, self._steps, self._tolerance = (
             scene.legs,
@@ -94,14 +90,10 @@ class March:
             scene.time.tolerance or math.inf,
         )
         self._cycle = scene.time.cycle
-        self._in_cycle = slice(0, 0)  # the legs of the cycle
+        self._in_cycle = range(0)  # the legs of the cycle
         if self._cycle:
-            self._in_cycle = slice(
-                *(
-                    self._legs.index(end) + 1 if end else 0
-                    for end in (self._cycle.begin, self._cycle.to)
-                )
-            )
+            ends = self._cycle.begin, self._cycle.to
+            self._in_cycle = range(*(self._legs.index(end) + 1 if end else 0 for end in ends))
         self._began = np.zeros(
             assembly.space.size
         )  # forces at the beginning of the present cycle (N)
@@ -201,7 +193,7 @@ class March:
     @property
     def _repeated(self) -> bool:
         """Whether the present leg was run before, in the cycle before."""
-        return self.log.run > 1 and self._in_cycle.start <= self._leg < self._in_cycle.stop
+        return self.log.run > 1 and self._leg in self._in_cycle
 
     def _steady(self) -> bool:
         """Whether the forces that are found end the cycles, as they are those at the cycle's beginning. Collective."""
@@ -294,24 +286,52 @@ class March:
 
     def _accept(self, time: float, solution: Solution) -> None:
         """Note the step to `time`, whose solution is certified."""
-        assembly, now, outer = self.assembly, self._now, self.outer
-        space, scene = assembly.space, assembly.scene
+        world, before, scene = self.assembly.world, self._now, self.assembly.scene
         contacts = solution.contacts.values()
-        dissipated, closed = assembly.world.bcast(
-            (
-                sum(contact.dissipated for contact in contacts),
-                sum(contact.closed for contact in contacts),
-            )
+        rubbed, closed = world.bcast(
+            [sum(getattr(each, what) for each in contacts) for what in ("dissipated", "closed")]
         )
-        self._now = Mark(
+        self._now = now = self._marked(time, solution, closed)
+        self._note_energy(now, before, rubbed, self._by_frames(solution, before))
+        self.log.note_step(time, solution)
+        self.log.judge(solution.certificate)
+        drawn = self._drawn(time)
+        derived = self._chain.advance(time, self.outer, solution, before, self._before, drawn)
+        if len(self._ahead) == 1:  # the end of a leg
+            self.log.derive(*self._chain.entries(drawn, derived, solution))
+        self._now = replace(now, derived=derived)
+        self._before = self._now if self._sudden and before.time == 0.0 else before
+        del self._ahead[0]
+        if not self._ahead or scene.output.steps == "all":
+            self.log.kept.append(
+                (time, now.s, now.alpha, *map(leg_values, solution.states.values()))
+            )
+        counts = [
+            sum(getattr(contact, status) for contact in contacts)
+            for status in ("open", "slip", "stick")
+        ]
+        log.log(
+            logging.DEBUG if self._repeated else logging.INFO,
+            "time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes",
             time,
-            outer.forces,
-            outer.motions,
+            len(self.outer.history),
+            *counts,
+        )
+        self._leave()
+        self._cuts = 0
+
+    def _marked(self, time: float, solution: Solution, closed: float) -> Mark:
+        """The end of the step to `time`, with so much of the contacts closed."""
+        factors = self.assembly.scene.factors(self._drawn(time))
+        return Mark(
+            time,
+            self.outer.forces,
+            self.outer.motions,
             self._d,
             solution.moved,
-            space.opening,
+            self.assembly.space.opening,
             solution.prescribed,
-            np.array(list(scene.factors(self._drawn(time)).values())),
+            np.array(list(factors.values())),
             solution.work,
             solution.energy,
             closed,
@@ -322,49 +342,19 @@ class March:
             },
             memory=self._remember(solution),
         )
-        if now.time == 0.0:
-            self._given = self._now.given(now, space)
-        work, interface_work = self._now.work_since(now, space)
-        work += self._by_frames(solution, now)
-        lost = (
-            work - (solution.energy - now.energy) - interface_work
-        )  # ΔW − ΔU − ΔI, zero but for rounding
-        _, worked, _, taken, rubbed, _ = self.log.energies[-1] if self.log.energies else np.zeros(6)
+
+    def _note_energy(self, now: Mark, before: Mark, rubbed: float, by_frames: float) -> None:
+        """Note the line of energy.csv of a step, in which friction dissipates `rubbed` (J)."""
+        space = self.assembly.space
+        if before.time == 0.0:
+            self._given = now.given(before, space)
+        work, taken = now.work_since(before, space)
+        work += by_frames
+        lost = work - (now.energy - before.energy) - taken  # ΔW − ΔU − ΔI, zero but for rounding
+        _, worked, _, took, lately, _ = self.log.energies[-1] if self.log.energies else np.zeros(6)
         self.log.energies.append(
-            [
-                time,
-                worked + work,
-                solution.energy,
-                taken + interface_work,
-                rubbed + dissipated,
-                lost,
-            ]
+            [now.time, worked + work, now.energy, took + taken, lately + rubbed, lost]
         )
-        self.log.note_step(time, solution)
-        self.log.judge(solution.certificate)
-        derived = self._chain.advance(time, outer, solution, now, self._before, self._drawn(time))
-        if len(self._ahead) == 1:  # the end of a leg
-            self.log.derive(*self._chain.entries(self._drawn(time), derived, solution))
-        self._now = replace(self._now, derived=derived)
-        self._before = self._now if self._sudden and now.time == 0.0 else now
-        del self._ahead[0]
-        if not self._ahead or scene.output.steps == "all":
-            self.log.kept.append(
-                (time, outer.forces, outer.motions, *map(leg_values, solution.states.values()))
-            )
-        counts = [
-            sum(getattr(contact, status) for contact in contacts)
-            for status in ("open", "slip", "stick")
-        ]
-        log.log(
-            logging.DEBUG if self._repeated else logging.INFO,
-            "time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes",
-            time,
-            len(outer.history),
-            *counts,
-        )
-        self._leave()
-        self._cuts = 0
 
     def _leave(self) -> None:
         """Count the iterations of a step that is over."""
@@ -390,7 +380,7 @@ class March:
 
     def _next_leg(self, again: bool = False) -> None:
         """Begin the next leg, or the cycle `again`."""
-        if self._cycle and self._in_cycle.start <= self._leg < self._in_cycle.stop:
+        if self._leg in self._in_cycle:
             self._plans.setdefault(
                 str(self._leg), tuple(np.subtract(self._planned, self._shift).tolist())
             )
@@ -399,9 +389,7 @@ class March:
             self.log.begin_cycle(self._cycle.begin)
             self._began = self._now.s
         if self._cycle:
-            self.log.cycle = (
-                self.log.run if self._in_cycle.start <= self._leg < self._in_cycle.stop else 0
-            )
+            self.log.cycle = self.log.run if self._leg in self._in_cycle else 0
         self._base = self._before = self._coarse = (
             self._now
         )  # the last: the leg's end in half as many steps
@@ -449,31 +437,8 @@ class March:
         # tangential forces are compared with slip bounds: with little friction they are small beside all forces
         bound = space.norm(np.minimum(space.laws.bound_at(s), size))
         self._largest = np.maximum(self._largest, [size, min(bound, size)])
-        if self._number > 1 and self._largest.all():
-            change = self._now.change_since(self._forces(self._coarse), self._largest, space)
-            # where changes fall by r = former / change with each doubling, those to come add up to change / (r − 1)
-            faster = self._changed / change - 1.0 if change else math.inf
-            before, self._changed = self._changed, change
-            close = change <= self._tolerance * (
-                1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0)
-            )
-            # forces may agree by chance while slip is coarse: friction then dissipates more than contacts took
-            given = self._given if self._base.time == 0.0 else 0.0
-            enough = close and self.log.excess(self._noted, given) <= self._tolerance
-            log.info(
-                "time %g reached: %d and %d steps agree to %.2g, %s",
-                self._end,
-                self._number // 2,
-                self._number,
-                change,
-                "accepted"
-                if enough
-                else "but friction dissipates more than contacts take"
-                if close
-                else "not enough",
-            )
-            if enough:
-                return False
+        if self._number > 1 and self._largest.all() and self._agree():
+            return False
         if 2 * self._number > MOST or not self._largest.all():
             if self._largest.all():
                 missed = (
@@ -489,6 +454,31 @@ class March:
         self.log.restore(self._noted)
         self._ahead = self._times(length, closing)
         return True
+
+    def _agree(self) -> bool:
+        """Whether half as many steps lead to the same forces at the end of the leg, which is noted."""
+        change = self._now.change_since(
+            self._forces(self._coarse), self._largest, self.assembly.space
+        )
+        # where changes fall by r = former / change with each doubling, those to come add up to change / (r − 1)
+        faster = self._changed / change - 1.0 if change else math.inf
+        before, self._changed = self._changed, change
+        close = change <= self._tolerance * (
+            1.0 if math.isnan(before) else min(max(faster, CERTAIN), 1.0)
+        )
+        # forces may agree by chance while slip is coarse: friction then dissipates more than contacts took
+        given = self._given if self._base.time == 0.0 else 0.0
+        enough = close and self.log.excess(self._noted, given) <= self._tolerance
+        words = "but friction dissipates more than contacts take" if close else "not enough"
+        log.info(
+            "time %g reached: %d and %d steps agree to %.2g, %s",
+            self._end,
+            self._number // 2,
+            self._number,
+            change,
+            "accepted" if enough else words,
+        )
+        return enough
 
     @property
     def _frictional(self) -> list[slice]:

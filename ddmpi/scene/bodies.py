@@ -166,10 +166,8 @@ class Material(Table, frozen=True, kw_only=True):
     def _matrix(self) -> np.ndarray:
         """Compliance matrix (6, 6) of an orthotropic material, for ε11, ε22, ε33, 2 ε12, 2 ε13, 2 ε23 (1/Pa)."""
         # In the plane G13 and G23 do not count.
-        E, G = (
-            self.moduli,
-            np.array(self.shear) * np.ones(3),
-        )
+        E = self.moduli
+        G = np.array(self.shear) * np.ones(3)
         assert isinstance(self.poisson, tuple)
         n12, n13, n23 = self.poisson
         S = np.diag(1.0 / np.append(E, G))
@@ -258,10 +256,8 @@ class Material(Table, frozen=True, kw_only=True):
         if not isinstance(self.poisson, tuple):
             return self.poisson
         normal, shears = self._matrix[:3, :3], np.trace(self._matrix[3:, 3:])
-        bulk, shear = (
-            normal.sum(),
-            (6.0 * np.trace(normal) - 2.0 * normal.sum() + 3.0 * shears) / 15.0,
-        )
+        bulk = normal.sum()
+        shear = (6.0 * np.trace(normal) - 2.0 * normal.sum() + 3.0 * shears) / 15.0
         return float((3.0 * shear - 2.0 * bulk) / (6.0 * shear + 2.0 * bulk))
 
     @property

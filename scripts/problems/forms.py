@@ -43,6 +43,21 @@ def lame_fit(
     )
 
 
+def fitted_pressure(
+    a: float, b: float, bore: float, c: float, material: tuple[float, float]
+) -> float:
+    """The pressure at the `bore` of a ring up to c that is put over one from a to b > bore, each by Lamé at its radius.
+
+    The material is as of `lame_fit`.
+    """
+    young, poisson = material
+    inner = (
+        (b**2 + a**2) / (b**2 - a**2) - poisson
+    ) * bore  # its pressure times b is that at the bore
+    outer = ((c**2 + bore**2) / (c**2 - bore**2) + poisson) * bore
+    return (b - bore) * young / (inner + outer)
+
+
 def clamped_fit(a: float, b: float, c: float, fit: float, young: float, poisson: float) -> float:
     """The same of rings of one material in plane strain, whose rims a and c are clamped."""
     G = shear(young, poisson)

@@ -322,9 +322,9 @@ def rolled(answer: Answer) -> tuple[float, float, float]:
     """Of the disc: how far it has turned (degrees), N/W − 1 and T/W where they are largest."""
     found, steps = forces(answer.summary), answer.summary["steps"]
     weight = -answer.summary["bodies"]["disc"]["loads"]["volume_force"]["force"][1]
-    freed = answer.solved.assembly.far.freed
-    turned = freed[steps[-1]["time"]]["disc"][-1] - next(
-        freed[step["time"]]["disc"][-1] for step in steps if step["time"] >= 1.0
+    places = answer.solved.steps.places
+    turned = places[steps[-1]["time"]].freed["disc"][-1] - next(
+        places[step["time"]].freed["disc"][-1] for step in steps if step["time"] >= 1.0
     )
     late = found[found[:, 0] > 1.0 - 1e-9]
     return (
@@ -407,8 +407,8 @@ def creep(share: float, folder: Path, nodes: int) -> tuple[float, float, float, 
             roll=GO,
         )
     )
-    freed, steps = answer.solved.assembly.far.freed, answer.summary["steps"]
-    before, end = (freed[steps[k]["time"]]["roller"][0] for k in (-1 - nodes, -1))
+    places, steps = answer.solved.steps.places, answer.summary["steps"]
+    before, end = (places[steps[k]["time"]].freed["roller"][0] for k in (-1 - nodes, -1))
     pressure = answer.contacts["roller-plate"].pressure.max() / (2.0 * load / (np.pi * a))
     return (
         1.0 - (end - before) / a,

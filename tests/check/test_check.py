@@ -126,7 +126,7 @@ def test_nothing_is_factored():
     assert not any(hasattr(body.member, "C") for body in seen.bodies)
     assert (seen.n, seen.m) == (whole.n, whole.m)
     assert [body.member.C.kind for body in whole.bodies] == [
-        body.member.kind for body in seen.bodies
+        body.member.body.kind for body in seen.bodies
     ]
 
 

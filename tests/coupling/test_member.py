@@ -9,10 +9,13 @@ import pytest
 import scipy.sparse as sparse
 from by_skfem import to_scipy
 
-import ddmpi.coupling.member
+import ddmpi.coupling.factored
 from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.coupling.factored import Factored
 from ddmpi.coupling.member import Member
+from ddmpi.coupling.sides import Sides
 from ddmpi.interface.interface import Places
+from ddmpi.kept.kept import Kept
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
 
@@ -91,7 +94,10 @@ def touch(
 def member(
     mesh: Mesh, problem: Elasticity, faces: Sequence[str], kind: str | None = None, **rest
 ) -> Member:
-    return Member("block", problem, [touch(mesh, group, **rest) for group in faces], kind).factor()
+    interfaces = [touch(mesh, group, **rest) for group in faces]
+    body = Factored("block", problem, Sides("block", interfaces).rows(problem), kind)
+    body.factor(Kept())
+    return Member(body, interfaces)
 
 
 def multiplied(body: Member) -> np.ndarray:
@@ -202,9 +208,9 @@ def test_nothing_depends_on_the_supports(clamp, faces, rest, monkeypatch):
     """Even where the contact does not see all motions, and the load cannot be balanced."""
     mesh = rectangle((27, 9))
     problem, found, chosen = elastic(mesh, clamp), [], []
-    for choice in (ddmpi.coupling.member.support, other_supports):
+    for choice in (ddmpi.coupling.factored.support, other_supports):
         chosen.append(choice(problem.motions[problem.nodes]))
-        monkeypatch.setattr(ddmpi.coupling.member, "support", choice)
+        monkeypatch.setattr(ddmpi.coupling.factored, "support", choice)
         body = member(mesh, problem, faces, **rest)
         s = np.random.default_rng(1).standard_normal(body.C.size)
         found.append((multiplied(body), body.h, *displaced(body, s)))

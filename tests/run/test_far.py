@@ -152,6 +152,14 @@ def test_a_block_slides_with_the_friction_of_its_pressure(order):
     )  # of the pusher
 
 
+def test_clamps_move_a_body_within_its_frame():
+    """A press of which the clamp does a third and the frame the rest has the forces of one by the frame alone."""
+    frame, both = block(), block()
+    both["body"][0]["clamp"] = [{"on": "top", "x": 0.0, "y": -0.002, "history": "press"}]
+    frame["body"][0]["motion"][0]["shift"] = [0.0, -0.006]
+    assert forces(certified(both)) == pytest.approx(forces(certified(frame)), rel=1e-9)
+
+
 def test_a_small_motion_is_that_of_a_clamp():
     """A press that clamps prescribe has the same forces, stresses and slip as one by a frame."""
     far, small = block(way=1e-4), block(way=1e-4)

@@ -126,8 +126,8 @@ def test_a_ball_rolls_where_forces_take_it():
     """It goes as far as it turns, and the plate carries its forces; frames.csv and the summary say where it is."""
     answer = certified(ball())
     assert forces(answer)[3:] == pytest.approx(np.tile([-0.1, 0.0, -4.0], (3, 1)), abs=1e-8)
-    freed = answer.solved.assembly.far.freed
-    way = np.array([freed[step["time"]]["ball"] for step in answer.summary["steps"]])
+    places = answer.solved.steps.places
+    way = np.array([places[step["time"]].freed["ball"] for step in answer.summary["steps"]])
     assert way[-1, 0] - way[2, 0] == pytest.approx(np.radians(20.0), rel=0.02)
     assert abs(way[-1, 1]) < 0.01 and not way[:, 3:].any()
     entry = answer.summary["rigid"]["ball"]

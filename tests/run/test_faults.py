@@ -61,8 +61,8 @@ def test_the_run_ends_and_nothing_is_lost(outcomes, name):
 
 RAISED = [
     # rank, target, call, kind, more arguments
-    (1, "ddmpi.coupling.assembly.build_mesh", 1, "SolverError", ()),
-    (0, "ddmpi.coupling.assembly.assemble", 1, "OutputError", ()),
+    (1, "ddmpi.coupling.parts.build_mesh", 1, "SolverError", ()),
+    (0, "ddmpi.coupling.parts.assemble", 1, "OutputError", ()),
     (1, "ddmpi.body.solver.StiffnessSolver.__init__", 1, "SolverError", ()),
     (
         0,

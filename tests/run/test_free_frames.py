@@ -143,8 +143,8 @@ def axle(
 
 def gone(answer, name: str) -> np.ndarray:
     """How far a free frame has gone at the ends of all steps."""
-    freed = answer.solved.assembly.far.freed
-    return np.array([freed[step["time"]][name] for step in answer.summary["steps"]])
+    places = answer.solved.steps.places
+    return np.array([places[step["time"]].freed[name] for step in answer.summary["steps"]])
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ FACTOR, MULT = "ddmpi.body.solver.StiffnessSolver.__init__", "ddmpi.body.complia
 INTERRUPTED = {
     # name: method, signal, rank, target, call (not the last ones: versions of PETSc differ by a few), whether there is
     # a checkpoint then
-    "mesh": ("newton", "SIGTERM", 1, "ddmpi.coupling.assembly.build_mesh", 1, False),
+    "mesh": ("newton", "SIGTERM", 1, "ddmpi.coupling.parts.build_mesh", 1, False),
     "a step of Newton's method": ("newton", "SIGUSR1", 1, MULT, 34, False),
     "certificate": ("newton", "SIGUSR1", 1, "ddmpi.coupling.member.Member.displacement", 1, True),
     "inner solve": ("published", "SIGTERM", 1, MULT, 60, True),

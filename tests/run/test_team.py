@@ -164,8 +164,8 @@ def test_options_reach_the_solvers_of_all_ranks(comm, petsc_options):
 
 FAULTS = {
     # where: rank (0 and 1 have the first body, 2 the second one), target, call, fault, exit codes
-    "mesh, root": (0, "ddmpi.coupling.assembly.build_mesh", 1, "InputError", {2}),
-    "assemble, other root": (2, "ddmpi.coupling.assembly.assemble", 1, "SolverError", {4}),
+    "mesh, root": (0, "ddmpi.coupling.parts.build_mesh", 1, "InputError", {2}),
+    "assemble, other root": (2, "ddmpi.coupling.parts.assemble", 1, "SolverError", {4}),
     "outer, root": (0, "ddmpi.body.compliance.Compliance.mult", 12, "SolverError", {4}),
     "outer, internal error on a root": (
         2,

@@ -30,7 +30,8 @@ def contact(first: str, second: str, *on: str, **more) -> dict:
 def test_shipped_assemblies_move_as_an_independent_code_says(name, overrides, displacement):
     """Largest displacements (m) by dense factorisations; the gallery's test asks for resultants and thrust."""
     summary = certified(ROOT / "configs" / f"{name}.toml", None, **overrides).summary
-    assert summary["warnings"] == []
+    (hinge,) = summary["warnings"]
+    assert "closed at a single node" in hinge
     assert summary["displacement_max"] == pytest.approx(displacement, rel=1e-6)
 
 

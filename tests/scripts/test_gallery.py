@@ -37,11 +37,8 @@ def test_exhibit(exhibit, tmp_path):
     answer = ddmpi.solve(exhibit.path, MPI.COMM_SELF, exhibit.settings)
     if exhibit.refused:
         write_mechanism(tmp_path, answer.solved.solution.mechanism)
-    if far := answer.solved.assembly.far:
-        write_frames(
-            tmp_path,
-            [(time, far.frames(answer.solved.assembly.scene, time)) for time in sorted(far.freed)],
-        )
+    if places := answer.solved.steps.places:
+        write_frames(tmp_path, [(time, places[time].frames) for time in sorted(places)])
     exhibit.check(answer.summary | beside(tmp_path))
     if target := exhibit.settings.get("method.target_error"):
         assert answer.summary["discretization_error"]["energy_norm"] <= 0.9 * target

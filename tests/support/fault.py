@@ -1,7 +1,7 @@
 """The command with a fault: ``mpirun -n 2 python fault.py FAULTS ARGUMENTS``.
 
 FAULTS is a JSON list of [rank, target, call, fault, folder, more arguments]: on that rank the function or
-method `target`, as in ``ddmpi.coupling.assembly.assemble``, has the `fault` from its call-th call on. A fault is
+method `target`, as in ``ddmpi.coupling.parts.assemble``, has the `fault` from its call-th call on. A fault is
 
 * the name of an exception, a builtin one, one in `ddmpi.errors` or ``PETSc.Error``: every call raises it;
 * the name of a signal, SIGTERM or SIGKILL, say: the process sends it to itself, once;

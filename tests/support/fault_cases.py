@@ -36,8 +36,8 @@ METHODS = {"newton": {}, "published": {"theta": 0.2, "tolerance": 1e-3}}
 # Calls of the outer iteration are within GMRES, some iterations on.
 PHASES = {
     # phase: method, target, call
-    "mesh": ("newton", "ddmpi.coupling.assembly.build_mesh", 1),
-    "assemble": ("newton", "ddmpi.coupling.assembly.assemble", 1),
+    "mesh": ("newton", "ddmpi.coupling.parts.build_mesh", 1),
+    "assemble": ("newton", "ddmpi.coupling.parts.assemble", 1),
     "factor": ("newton", "ddmpi.body.solver.StiffnessSolver.__init__", 1),
     "outer": (
         "newton",
@@ -146,8 +146,8 @@ def all_cases() -> list[Case]:
                 )
             )
 
-        numbers("NaN in the stiffness", "ddmpi.coupling.assembly.assemble", 1, "nan")
-        numbers("zero pivot", "ddmpi.coupling.assembly.assemble", 1, "singular")
+        numbers("NaN in the stiffness", "ddmpi.coupling.parts.assemble", 1, "nan")
+        numbers("zero pivot", "ddmpi.coupling.parts.assemble", 1, "singular")
         numbers(
             "NaN from the first product",
             "ddmpi.body.compliance.Compliance.mult",

@@ -253,7 +253,7 @@ def other_diagonals(scene: dict) -> dict:
                 for body, on in zip(contact["bodies"], contact["on"], strict=True)
             ]
         }
-        for contact in scene["contact"]
+        for contact in scene.get("contact", [])
     ]
     return scene | {"body": bodies, "contact": contacts}
 

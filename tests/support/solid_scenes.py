@@ -280,10 +280,10 @@ def between_planes(
 def jittered(amount: float = 0.3, still: float = np.inf) -> Iterator[None]:
     """A context in which nodes of boxes are moved at random by up to `amount` of half a cell, those on a face within
     it. Nodes with x ≥ `still` on the lower face of a box stay where they are."""
-    import ddmpi.coupling.assembly as assembly
+    import ddmpi.coupling.parts as parts
     from ddmpi.mesh.mesh import Mesh
 
-    build = assembly.build_mesh
+    build = parts.build_mesh
 
     def moved_mesh(body, *rest, **more) -> Mesh:
         mesh = build(body, *rest, **more)
@@ -300,11 +300,11 @@ def jittered(amount: float = 0.3, still: float = np.inf) -> Iterator[None]:
             points[middle] = (points[start] + points[end]) / 2
         return replace(mesh, points=points)
 
-    assembly.build_mesh = moved_mesh
+    parts.build_mesh = moved_mesh
     try:
         yield
     finally:
-        assembly.build_mesh = build
+        parts.build_mesh = build
 
 
 def patch_errors(answer, stress: np.ndarray = STRESS) -> SimpleNamespace:

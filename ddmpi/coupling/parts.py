@@ -1,0 +1,174 @@
+"""The bodies of a rank by themselves: their meshes, their discrete problems, and their sides on contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from mpi4py import MPI
+
+from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.stress import material_of, modulus_beside
+from ddmpi.coupling.exchange import Ends, Exchange
+from ddmpi.coupling.ranks import homes_of
+from ddmpi.errors import InputError, naming
+from ddmpi.interface.rows import holds_along
+from ddmpi.kept.kept import Kept
+from ddmpi.mesh.build import build_mesh, content
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import Sizes
+from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.contacts import SettledContact
+from ddmpi.scene.scene import Settled
+from ddmpi.surface.boundary import contact_side
+from ddmpi.surface.seams import find_seam
+from ddmpi.surface.side import Side
+from ddmpi.system import interrupt
+
+
+@dataclass
+class Part:
+    """A body of this rank before it is factored: its number in the scene, its specification, and its contacts, each with
+    the body's side, 0 or 1; then its mesh, its discrete problem, and its sides in the order of the contacts."""
+
+    number: int
+    spec: SettledBody
+    touching: list[tuple[SettledContact, int]]
+    mesh: Mesh = field(init=False)
+    problem: Elasticity = field(init=False)
+    sides: list[Side] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class Share:
+    """What of a scene a rank has: its bodies, and their contacts in the order of the scene."""
+
+    scene: Settled
+    exchange: Exchange
+    parts: Sequence[Part]
+    contacts: Sequence[SettledContact]
+    kept: Kept
+
+    @classmethod
+    def of(cls, world: MPI.Comm, scene: Settled, kept: Kept) -> Share:
+        """That of this rank, before any work. Not collective."""
+        homes = homes_of([body.name for body in scene.body], world)
+        parts = {
+            body.name: Part(number, body, [])
+            for number, body in enumerate(scene.body)
+            if homes[body.name] == world.rank
+        }
+        contacts, ends = [], []
+        for contact in scene.contact:
+            for side, name in enumerate(contact.bodies):
+                if name in parts:
+                    parts[name].touching.append((contact, side))
+            if not parts.keys().isdisjoint(contact.bodies):
+                first, second = contact.bodies
+                contacts.append(contact)
+                ends.append(Ends(contact.name, homes[first], homes.get(second, homes[first])))
+        return cls(scene, Exchange(world, ends), [*parts.values()], contacts, kept)
+
+
+def mesh_bodies(share: Share, folder: Path, sizes: Mapping[str, Sizes]) -> None:
+    """Mesh this rank's bodies, so that they have the groups of their contacts. Not collective. Raises InputError and
+    InterruptionError."""
+    for part in share.parts:
+        part.mesh = _mesh(share, part, folder, sizes.get(part.spec.name))
+        for contact, side in part.touching:
+            with naming(f"contact.{contact.name}.on"):
+                part.mesh.facets(contact.on[side])
+        interrupt.check()
+
+
+def assemble_bodies(share: Share) -> dict[tuple[str, int], Side]:
+    """Find stiffness, loads and sides of this rank's bodies; the sides by contact and number. Not collective. Raises
+    InputError and InterruptionError."""
+    sides = {}
+    for part in share.parts:
+        part.problem = _assemble(part, share.kept)
+        for contact, side in part.touching:
+            sides[contact.name, side] = _side(part, contact, side, share.kept)
+            part.sides.append(sides[contact.name, side])
+        interrupt.check()
+    return sides
+
+
+def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
+    """The mesh of a body, which depends on what the scene says of it and on the content of its file, and resolves the
+    groups on which something acts. Not collective. Raises InputError."""
+    scene, spec, kept = share.scene, part.spec, share.kept
+    file, contacts = content(spec, folder), [contact.on[side] for contact, side in part.touching]
+    depends = (
+        spec.mesh,
+        kept.key("file", spec.name) if file is None else file,
+        contacts,
+        sizes,
+        scene.dimension,
+        scene.axisymmetric,
+        [(name, acting.on) for name, acting in spec.acting],
+    )
+    return kept.get(
+        "mesh",
+        spec.name,
+        depends,
+        lambda: build_mesh(spec, folder, contacts, sizes, scene.dimension, scene.axisymmetric),
+    )
+
+
+def _assemble(part: Part, kept: Kept) -> Elasticity:
+    """The discrete problem of a body, which warns of a mesh, of a file or a drawing, whose cells are not connected as
+    they look. Not collective. Raises InputError."""
+    seam, mesh, spec = None, part.mesh, part.spec
+    if not spec.mesh.shape:
+        groups = {contact.on[side] for contact, side in part.touching}
+        groups |= {acting.on for name, acting in spec.acting if name != "clamp"}
+        depends = kept.key("mesh", spec.name), sorted(groups)
+        seam = kept.get("seam", spec.name, depends, lambda: find_seam(mesh, groups, spec.name))
+    warnings = [seam.words(spec.name)] if seam else []
+    try:
+        elasticity = assemble(mesh, spec, kept)
+    except InputError as error:  # a piece may be loose because of the seam
+        raise InputError("; ".join([str(error), *warnings])) from None
+    return replace(elasticity, warnings=[*warnings, *elasticity.warnings])
+
+
+def _side(part: Part, contact: SettledContact, side: int, kept: Kept) -> Side:
+    """The side of a body on a contact. Not collective. Raises InputError."""
+    mesh, spec, group = part.mesh, part.spec, contact.on[side]
+    others = [(other, which) for other, which in part.touching if other is not contact]
+    depends = (
+        spec.name,
+        kept.key("supports", spec.name),
+        spec.material,
+        contact.on[side],
+        [(other.on[which], holds_along(other)) for other, which in others],
+    )
+
+    def make() -> Side:
+        boundary, supports = mesh.facets(group), part.problem.supports
+        return contact_side(
+            mesh,
+            boundary,
+            supports,
+            spec.name,
+            modulus_beside(mesh, material_of(mesh, spec), boundary),
+            _tied(mesh, others, supports.free, group),
+            any(group == other.on[which] for other, which in others),
+        )
+
+    return kept.get("side", f"{contact.name}.{side}", depends, make)
+
+
+def _tied(
+    mesh: Mesh, others: Sequence[tuple[SettledContact, int]], free: np.ndarray, group: str
+) -> np.ndarray:
+    """Nodes (nv,) bool of a body that are clamped in all components or lie on one of its `others` contacts, given with
+    the side, that carries tangential forces; in space only if that has another `group`."""
+    tied = ~free.any(axis=(1, 2))
+    for contact, side in others:
+        if holds_along(contact) and (free.shape[1] == 2 or contact.on[side] != group):
+            tied[mesh.facets(contact.on[side]).nodes] = True
+    return tied
