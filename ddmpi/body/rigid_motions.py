@@ -32,10 +32,10 @@ LOOSE = 1e-16
 PURE = 1e-10
 """A translation is free by itself if its distance from the span of the free motions is below this."""
 
-SEEN, FACETED = 1e-8, 3e-4
+SEEN, FACETED = 1e-8, 3e-2
 """A motion does not act on the contact if it moves it by less than the fraction SEEN of its size. Below the fraction
-FACETED only the errors of normals act on it, as on the turn of a round part: contact forces that balance a load along
-it would be the load's rounding, thousands of times as large."""
+FACETED only normals that are off act on it, as on the turn of a round part, by facets or where a clearance of up to
+half the radius parts the sides: contact forces that balance a load along it would be far larger than the load."""
 
 
 def rigid_motions(points: np.ndarray, centre: np.ndarray, size: float = 1.0) -> np.ndarray:

@@ -124,6 +124,7 @@ class Geometry:
     pointwise : whether the sides meet along edges or at vertices only, with forces but no stresses; `area` then comes
         from the distance between nodes and only steers the iteration
     waves : whether elements can follow the rows' functions within a facet, as those of order 2 in space
+    tilt : (2, m, d − 1) tangents of the angles by which the normals of both sides lean along the `tangents`
     """
 
     xy: np.ndarray
@@ -137,6 +138,7 @@ class Geometry:
     axisymmetric: bool = False
     pointwise: bool = False
     waves: bool = False
+    tilt: np.ndarray = field(default_factory=lambda: np.zeros((2, 0, 1)))
 
 
 @dataclass(frozen=True)

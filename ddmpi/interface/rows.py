@@ -16,7 +16,7 @@ from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, Profile, SettledContact, Tresca
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
-from ddmpi.surface.side import Side, frames, laplacian, unit
+from ddmpi.surface.side import Side, frames, laplacian, nodal, unit
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import ALIKE, ROUNDING, SAME, in_words, is_touched
 
@@ -210,6 +210,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
             axisymmetric=side.axisymmetric,
             pointwise=rows.pointwise,
             waves=rows.waves,
+            tilt=_tilt(rows, keep, frame[keep]),
         ),
         rows=_at_rows(rows, keep, start),
         law=law_of(contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live)),
@@ -222,6 +223,20 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         gap_history=contact.opening[1],
         drawing=Drawing(lines, partial(_outline, rows, keep)),
     )
+
+
+def _tilt(rows: Rows, keep: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """The `Geometry.tilt` (2, m, d − 1) of the rows `keep` (m,) with `frame` (m, d, d)."""
+    own = []
+    for side, transfer in zip(rows.sides, rows.transfers, strict=True):
+        normal = side.normal
+        # at corners those of smooth arcs, exact on circles and spheres; curved facets in space have their own
+        if np.isfinite(side.modulus) and side.cell.bears:
+            smooth = unit(nodal(side.fans, side.corners, len(side.nodes)))
+            normal = np.where(smooth.any(axis=1, keepdims=True), smooth, normal)
+        own.append(transfer[keep] @ normal)
+    across, *along = np.einsum("rtd,srd->tsr", frame, np.stack([own[0], -own[1]]))
+    return np.stack(along, axis=-1) / across[:, :, None]
 
 
 def _far(contact: SettledContact, start: np.ndarray, some: np.ndarray, moved: float) -> np.ndarray:

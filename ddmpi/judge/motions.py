@@ -157,16 +157,24 @@ def undetermined(
 
 def _null_space(A: np.ndarray) -> np.ndarray:
     """A basis (q, n) of the null space of A (k, n), each vector with an entry 1 where the others have zeros."""
-    from scipy.linalg import null_space, qr
+    from scipy.linalg import null_space
 
     if not A.shape[1]:
         return np.empty((0, 0))
-    # R of QR has the null space of A and at most n rows; pivots are the entries that tell the vectors apart best
-    null = null_space(np.linalg.qr(np.vstack([A, np.zeros((1, A.shape[1]))]), mode="r"), RESISTED).T
-    if len(null) == 0:
-        return null
-    pivots = qr(null, mode="r", pivoting=True)[1][: len(null)]
-    return np.linalg.solve(null[:, pivots], null)
+    # R of QR has the null space of A and at most n rows
+    stacked = np.vstack([A, np.zeros((1, A.shape[1]))])
+    return told_apart(null_space(np.linalg.qr(stacked, mode="r"), RESISTED).T)
+
+
+def told_apart(vectors: np.ndarray) -> np.ndarray:
+    """A basis (q, n) of the span of `vectors` (q, n), each with an entry 1 where the others have zeros."""
+    from scipy.linalg import qr
+
+    if not vectors.size:
+        return vectors
+    # the entries that tell the vectors apart best
+    pivots = qr(vectors, mode="r", pivoting=True)[1][: len(vectors)]
+    return np.linalg.solve(vectors[:, pivots], vectors)
 
 
 def forwards(bodies: Sequence[MotionsOfBody], velocities: np.ndarray) -> float:

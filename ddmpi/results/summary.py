@@ -140,7 +140,7 @@ def held_in_words(summary: Mapping[str, Any]) -> list[str]:
             ""
             if load <= NEGLIGIBLE * bound
             else (
-                f". Its facets and gaps leave {load:.3g} {unit} along it, of {bound:.3g} that they may"
+                f". The loads leave {load:.3g} {unit} along it, of {bound:.3g} that errors of normals may bear"
             )
         )
         lines.append(f"{held['motion']}; held where it was{left}")

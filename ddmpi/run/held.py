@@ -1,33 +1,43 @@
 """The rigid motions that nothing determines: which they are, where they stay, and what is left along them.
 
 Of all answers the one is taken whose rigid motions are nearest to those before; and balance is asked for only as
-exactly as normals and gaps are known. A motion v moves the sides of contacts past each other by D v at the nodes, with
-the components F v along the forces that contacts may carry, at open nodes as at closed ones. Where |F v| ≤ η |D v|,
-with the error η of the normals of meshes, only this error resists v, as on the turn of a round part. Such motions are
-held where they were, like by a dry friction of the coefficient η that acts on the body as a whole; λ = v·(e − G s) is
-what this leaves of the loads. Its limit is
+exactly as normals are known. A motion v moves the sides of contacts past each other by D v at the nodes, with the
+components F v along the forces that contacts may carry, at open nodes as at closed ones. Where |F v| ≤ η |D v|, with
+the error η of the normals of meshes, only this error resists v, as on the turn of a round part. Such motions are held
+where they were, like by a dry friction of the coefficient η that acts on the body as a whole.
 
-    |λ| ≤ τ(v) = Σ |s_i| (η |D_i v| + |gap_i| |ω(v)|),
+A pair of nodes with a gap has one normal between those of its sides, and so a lever arm about the axes of both. This
+arm is one of small displacements alone: where the sides touch in the end they have one normal, and a part moves with
+its loads, whose moments about its own axis stay. So F has the normals ν of each side itself, at its own nodes, and
 
-the second part being the lever arms of gaps. Beyond it there is no equilibrium: forces of facets that balance a larger
+    λ(v) = e·v − Σ s_i ν_i·v,    |λ| ≤ τ(v) = Σ |s_i| η |D_i v|
+
+is what is left of the loads, and its limit. Beyond it there is no equilibrium: forces of facets that balance a larger
 load would be thousands of times as large as the load.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.linalg import eigh, qr
+from scipy.linalg import eigh
 from scipy.sparse import csgraph
 
 from ddmpi.coupling.assembly import Assembly
-from ddmpi.interface.interface import Interface
 from ddmpi.judge.equilibrium import IMBALANCE, Mechanism
-from ddmpi.judge.motions import LARGEST, RESISTED, TURN, MotionsOfBody, describe_motions, forwards
+from ddmpi.judge.motions import (
+    LARGEST,
+    RESISTED,
+    TURN,
+    MotionsOfBody,
+    describe_motions,
+    forwards,
+    told_apart,
+)
 from ddmpi.methods.outer import Outer
 from ddmpi.run.equilibrium import loads_of_loose, with_partners
 from ddmpi.system.agreement import from_first, gathered
@@ -39,7 +49,7 @@ well, with a warning, if all others are resisted by APART times as much."""
 WORST = 3.0
 """Where few nodes bear, the normals of coarse elements are off there by up to this times the mean error COARSE."""
 
-FAINT = 3.0 * COARSE
+FAINT = 3e-2
 """No motion is held in a group of bodies that resists all motions by more than this, over the root of its forces."""
 
 RIGID = 1e-6
@@ -48,6 +58,9 @@ of a motion, is then far below `RESISTED` of what it is compared with."""
 
 LEVERS = 2e-2
 """Most errors of lever arms of loads, over the size of a body, and of the turn that they drive."""
+
+BESIDE = 0.5
+"""A motion counts beside others if the part of it that is none of theirs is longer than this, of the whole."""
 
 WITHOUT = " without any force"  # ends the words for a motion that nothing resists
 
@@ -69,8 +82,6 @@ class HeldMotion(NamedTuple):
     moment, bound : the load that is left along it, and what it may be (N m; where the body does not turn about its
         middle, N along its fastest node)
     coarse : whether only coarse linear elements let it be held
-    velocities : (nb, n) of all loose and driven bodies, the way that the load drives them
-    unit : of the velocities (m or 1), by which loads along them are divided
     """
 
     body: str
@@ -78,8 +89,6 @@ class HeldMotion(NamedTuple):
     moment: float
     bound: float
     coarse: bool
-    velocities: np.ndarray
-    unit: float
 
     def entry(self) -> dict[str, Any]:
         """What stands in the summary."""
@@ -91,6 +100,20 @@ class HeldMotion(NamedTuple):
         }
 
 
+class Passing(NamedTuple):
+    """How the motions of a contact's bodies move its sides.
+
+    Attributes
+    ----------
+    moves : (2, m, d, c) both sides at the nodes
+    own : (m, c) by how much more they close along the normals of each side than along those of pairs; zero where sides
+        rub, which then turn as one
+    """
+
+    moves: np.ndarray
+    own: np.ndarray
+
+
 @dataclass(frozen=True)
 class Held:
     """The motions to hold: basis and coarse are the same on all ranks.
@@ -98,15 +121,18 @@ class Held:
     Attributes
     ----------
     basis : (rigid.size, q) the motions, each with an entry 1 where the others have zeros
-    coarse : (q,) bool, which of them only coarse linear elements let hold
+    coarse, turns : (q,) bool, which of them only coarse linear elements let hold, and which turn bodies
+    errors : (q,) η of each, more where sides are not seen to be round
     bodies : on the first rank all that are loose and all that are driven, in the order of their motions
-    near : those of them that move a side of a contact of this rank, in the same order
+    passing : of each contact of this rank how the motions of its block move its sides
     """
 
     basis: np.ndarray
     coarse: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    turns: np.ndarray = field(default_factory=lambda: np.zeros(0, bool))
+    errors: np.ndarray = field(default_factory=lambda: np.zeros(0))
     bodies: Sequence[MotionsOfBody] = ()
-    near: Sequence[MotionsOfBody] = ()
+    passing: Sequence[Passing] = ()
 
     @property
     def span(self) -> np.ndarray:
@@ -116,77 +142,73 @@ class Held:
 
 def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
     """The motions that no contact resists but by the errors of normals, of those `coarse` ones only if asked. Collective."""
-    joint, size = assembly.joint, assembly.joint.rigid.size
+    world, joint, scene, size = (
+        assembly.world,
+        assembly.joint,
+        assembly.scene,
+        assembly.joint.rigid.size,
+    )
     none = Held(np.zeros((size, 0)))
     if not assembly.loose:
         return none
-    resisting = gathered(
-        assembly.world, {name: (len(F), numbers, F.T @ F) for name, numbers, F in _forces(assembly)}
-    )
-    if not from_first(
-        assembly.world, lambda: bool(islands(resisting, size, joint.stays.bolts, FAINT))
-    ):
+    forces = _forces(assembly)
+    resisting = gathered(world, {name: (len(F), numbers, F.T @ F) for name, numbers, F in forces})
+    if not from_first(world, lambda: bool(islands(resisting, size, joint.stays.bolts, FAINT))):
         return none
-    bodies = with_partners(assembly)
-    near = _near(assembly, bodies)
-    past = {}
-    for interface, (_, numbers, _) in zip(
-        assembly.space.interfaces, joint.rigid.blocks, strict=True
-    ):
-        D = _past(assembly, interface, near)[:, :, numbers]
-        D = D.reshape(interface.m * interface.dimension, len(numbers))
-        past[interface.name] = len(D), numbers, D.T @ D
-    moving = gathered(assembly.world, past)
+    # a shape in the plane or of order 2 that is resisted by more than RESISTED is not round
+    coarse = coarse and (scene.dimension, scene.body[0].mesh.order) == (3, 1)
+    passing, past, own = _passing(assembly, forces), {}, {}
+    for (name, numbers, F), (moves, leaning) in zip(forces, passing, strict=True):
+        D = (moves[0] - moves[1]).reshape(-1, len(numbers))
+        own_rows = F.copy()
+        own_rows[: len(leaning)] += leaning
+        past[name] = len(D), numbers, D.T @ D
+        own[name] = len(F), numbers, own_rows.T @ own_rows
+    moving, bodies = gathered(world, past), with_partners(assembly)
+    by_sides = gathered(world, own)
 
-    def choose() -> tuple[np.ndarray, list[bool]] | None:
-        F, D = (_summed(parts, size) for parts in (resisting, moving))
-        chosen, levels = [np.zeros((size, 0))], [np.zeros(0, bool)]
-        for members in islands(resisting, size, joint.stays.bolts, FAINT):
-            vectors, level = _unresisted(
-                F[members][:, members].toarray(), D[members][:, members].toarray(), coarse
-            )
-            vectors = _dead(vectors, joint.K[members][:, members].toarray())
-            if vectors.shape[1] < len(level):
-                level = np.full(vectors.shape[1], level.any())
-            placed = np.zeros((size, vectors.shape[1]))
-            placed[members] = vectors
-            chosen.append(placed)
-            levels.append(level)
-        basis = np.hstack(chosen)
-        return (basis, np.concatenate(levels).tolist()) if basis.size else None
+    def choose() -> tuple[np.ndarray, ...]:
+        summed = [_summed(parts, size) for parts in (by_sides, resisting, moving)]
+        groups = islands(resisting, size, joint.stays.bolts, FAINT)
+        basis, level = _chosen(groups, summed, joint.K, coarse)
+        turns = [
+            turning(bodies, [body.basis @ v[joint.slices[body.name]] for body in bodies])
+            for v in basis.T
+        ]
+        own, _, past = ((basis * (matrix @ basis)).sum(axis=0) for matrix in summed)
+        resisted = turns * np.sqrt(np.maximum(own, 0.0) / np.where(past > 0.0, past, 1.0))
+        errors = np.maximum(np.where(level, WORST * COARSE, RESISTED), resisted)
+        return basis, level, np.array(turns, bool), errors
 
-    found = from_first(assembly.world, choose)
-    if found is None:
+    basis, level, turns, errors = from_first(world, choose)
+    if not basis.size:
         return none
-    basis, level = found
-    return Held(basis, np.array(level, bool), () if assembly.world.rank else bodies, near)
+    return Held(basis, level, turns, errors, () if world.rank else bodies, passing)
 
 
-def _near(assembly: Assembly, bodies: Sequence[MotionsOfBody]) -> list[MotionsOfBody]:
-    """Those of all `bodies`, which the first rank has, that move a side of a contact of this rank; centres and bases
-    alone are sent, without outlines. Collective."""
-    world, slices, none = assembly.world, assembly.joint.slices, np.zeros((0, 0))
-    wanted = sorted(
-        {name for interface in assembly.space.interfaces for name in _movers(assembly, interface)}
-        & {name for name, at in slices.items() if at.stop > at.start}
-    )
-    of_ranks = world.gather(wanted) or []
-    known = {body.name: np.append(body.centre, body.basis).tobytes() for body in bodies}
-    told = world.scatter([b"".join(known[name] for name in names) for names in of_ranks] or None)
-    numbers, near, d = np.frombuffer(told), list[MotionsOfBody](), assembly.scene.dimension
-    for name in wanted:
-        columns = slices[name].stop - slices[name].start
-        size = d + (d + d * (d - 1) // 2) * columns  # a velocity, and turns about the axes
-        of_body, numbers = np.split(numbers, [size])
-        basis = of_body[d:].reshape(-1, columns)
-        near.append(MotionsOfBody(name, of_body[:d], 0.0, none, basis, none))
-    return near
-
-
-def _movers(assembly: Assembly, interface: Interface) -> set[str]:
-    """The names of the bodies and driven partners of a contact. Not collective."""
-    driven = assembly.joint.driven
-    return {*interface.bodies, *(each.name for each in driven if each.acts_on(interface))}
+def _chosen(
+    groups: Sequence[np.ndarray],
+    summed: Sequence[sparse.csr_matrix],
+    K: sparse.csr_matrix,
+    coarse: bool,
+) -> tuple[np.ndarray, np.ndarray]:
+    """`Held.basis` and `Held.coarse` of groups of motions, by the `summed` FᵀF of sides and of pairs, and DᵀD; and by
+    how loads change, K."""
+    chosen, levels = [np.zeros((K.shape[0], 0))], [np.zeros(0, bool)]
+    for members in groups:
+        own, F, D = (matrix[members][:, members].toarray() for matrix in summed)
+        vectors, level = _unresisted(own, D, coarse)
+        by_pairs, rough = _unresisted(F, D, coarse)
+        # what is nearly the same turn, but about another axis, is none beside it
+        beside, sizes, _ = np.linalg.svd(by_pairs - vectors @ (vectors.T @ by_pairs))
+        beside = beside[:, : len(sizes)][:, sizes > BESIDE]
+        level |= rough and beside.size > 0
+        vectors = _dead(np.hstack([vectors, beside]), K[members][:, members].toarray())
+        placed = np.zeros((K.shape[0], vectors.shape[1]))
+        placed[members] = vectors
+        chosen.append(placed)
+        levels.append(np.full(vectors.shape[1], level))
+    return np.hstack(chosen), np.concatenate(levels)
 
 
 def _forces(assembly: Assembly) -> list[tuple[str, np.ndarray, np.ndarray]]:
@@ -204,29 +226,38 @@ def _forces(assembly: Assembly) -> list[tuple[str, np.ndarray, np.ndarray]]:
     return found
 
 
-def _past(assembly: Assembly, interface: Interface, bodies: Sequence[MotionsOfBody]) -> np.ndarray:
-    """D (m, d, rigid.size): how motions move the sides of a contact past each other at its nodes. Not collective."""
-    joint = assembly.joint
-    D = np.zeros((interface.m, interface.dimension, joint.rigid.size))
-    for body, sign in _sides(assembly, interface, bodies):
-        at = joint.slices[body.name]
-        D[:, :, at] += sign * np.stack(
-            [body.at(velocity, interface.xy) for velocity in body.basis.T], axis=2
-        )
-    return D
-
-
-def _sides(
-    assembly: Assembly, interface: Interface, bodies: Sequence[MotionsOfBody]
-) -> list[tuple[MotionsOfBody, float]]:
-    """The bodies and driven partners that move the sides of a contact, with 1 for the first side and −1 for the second.
-    Not collective."""
-    movers = _movers(assembly, interface)
-    return [
-        (body, 1.0 if body.name == interface.bodies[0] else -1.0)
-        for body in bodies
-        if body.name in movers
-    ]
+def _passing(
+    assembly: Assembly, forces: Sequence[tuple[str, np.ndarray, np.ndarray]]
+) -> list[Passing]:
+    """Of each contact of this rank, with its `forces`. Collective over neighbours."""
+    joint, mine = assembly.joint, {}
+    for body in assembly.bodies:
+        member, frame = body.member, assembly.frames.get(body.spec.name)
+        motions = member.motions
+        if frame:  # of a body that moves far, in whose axes they are
+            motions = np.einsum("ij,njk->nik", frame.turned, motions)
+        for interface in member.interfaces:
+            _, side = member.parts[interface.name]
+            of_nodes = motions[interface.rows.nodes[side]]
+            moved = interface.rows.transfer[side] @ of_nodes.reshape(len(of_nodes), -1)
+            mine[interface.name, side] = moved.reshape(interface.m, *of_nodes.shape[1:])
+    both, found = assembly.exchange.swap_objects(mine), []
+    for interface, (_, _, F) in zip(assembly.space.interfaces, forces, strict=True):
+        first, second = both[interface.name]
+        seconds = [] if second is None else [second]
+        # in the order of the columns of a block of `joint.rigid`
+        seconds += [
+            partner.motions(interface.places)
+            for partner in joint.driven
+            if partner.acts_on(interface)
+        ]
+        other = np.concatenate([0.0 * first, *seconds], axis=2)
+        one = np.zeros_like(other)
+        one[:, :, : first.shape[2]] = first
+        leans = np.einsum("smt,mtd->smd", interface.geometry.tilt, interface.tangents)
+        own = np.einsum("md,mdc->mc", leans[0], one) - np.einsum("md,mdc->mc", leans[1], other)
+        found.append(Passing(np.stack([one, other]), own if len(F) == interface.m else 0.0 * own))
+    return found
 
 
 def _summed(parts: Parts, size: int) -> sparse.csr_matrix:
@@ -247,14 +278,7 @@ def islands(resisting: Parts, size: int, kept: np.ndarray, least: float) -> list
     F, number = _summed(resisting, size), np.zeros(size)
     for count, numbers, _ in resisting.values():
         number[numbers] += count
-    touching = _summed(
-        {
-            name: (count, numbers, np.ones_like(F))
-            for name, (count, numbers, F) in resisting.items()
-        },
-        size,
-    )
-    _, island = csgraph.connected_components(touching, directed=False)
+    _, island = csgraph.connected_components(F, directed=False)
     found = []
     for label in range(int(island.max(initial=-1)) + 1):
         members = np.flatnonzero((island == label) & ~kept)
@@ -266,92 +290,69 @@ def islands(resisting: Parts, size: int, kept: np.ndarray, least: float) -> list
     return found
 
 
-def _unresisted(F: np.ndarray, D: np.ndarray, coarse: bool) -> tuple[np.ndarray, np.ndarray]:
-    """The motions (j, q) with |F v| ≤ η |D v|, by FᵀF and DᵀD, each with an entry 1 where the others have zeros; and
-    which are above `RESISTED` (q,) bool."""
+def _unresisted(F: np.ndarray, D: np.ndarray, coarse: bool) -> tuple[np.ndarray, bool]:
+    """A basis (j, q), orthonormal columns, of the motions with |F v| ≤ η |D v|, by FᵀF and DᵀD; and whether some are
+    above `RESISTED`, of `coarse` elements alone."""
     sizes = D.diagonal()
     own = RIGID * np.where(sizes > 0.0, sizes, 1.0)
     squares, vectors = eigh(F, D + np.diag(own))
     ratios = np.sqrt(np.maximum(squares, 0.0))
-    few = int((ratios <= RESISTED).sum())
-    many = int((ratios <= COARSE).sum())
-    if (
-        not coarse
-        or many == few
-        or (many < len(ratios) and ratios[many] < APART * ratios[many - 1])
-    ):
+    few, many = (int((ratios <= least).sum()) for least in (RESISTED, COARSE))
+    apart = many == len(ratios) or ratios[many] >= APART * ratios[many - 1]
+    if not coarse or not apart:
         many = few
-    chosen = vectors[:, :many] / np.linalg.norm(vectors[:, :many], axis=0)
-    return _told_apart(chosen), np.full(many, many > few)
-
-
-def _told_apart(vectors: np.ndarray) -> np.ndarray:
-    """A basis (j, q) of the span of `vectors` (j, q), each with an entry 1 where the others have zeros."""
-    if not vectors.size:
-        return vectors
-    null = np.linalg.qr(vectors)[0].T
-    pivots = qr(null, mode="r", pivoting=True)[1][: len(null)]
-    return np.linalg.solve(null[:, pivots], null).T
+    return np.linalg.qr(vectors[:, :many])[0], many > few
 
 
 def _dead(vectors: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """The part of the span of `vectors` (j, q) along which loads do not change, by K (j, j)."""
+    """Of the span of `vectors` (j, q), orthonormal columns, the part along which loads do not change, by K (j, j); each
+    with an entry 1 where the others have zeros."""
     size = np.abs(K).max(initial=0.0)
-    if not size or not vectors.size:
-        return vectors
-    span = np.linalg.qr(vectors)[0]
-    _, values, turn = np.linalg.svd(K @ span)
-    return _told_apart(span @ turn[values <= FOLLOWS * size].T)
+    if size and vectors.size:
+        _, values, turn = np.linalg.svd(K @ vectors)
+        vectors = vectors @ turn[values <= FOLLOWS * size].T
+    return told_apart(vectors.T).T
 
 
 def judge_held(
     assembly: Assembly, held: Held, outer: Outer
 ) -> tuple[list[HeldMotion], Mechanism | None, bool]:
     """What is left along the held motions under the forces of `outer`; the mechanism where a load drives one by more
-    than facets and gaps may bear; and whether coarse motions are driven so and have to be released. Collective."""
-    joint = assembly.joint
-    left = joint.held_back(outer.forces, outer.motions)
+    than normals may bear; and whether coarse motions are driven so and have to be released. Collective."""
+    joint, basis = assembly.joint, held.basis
+    left = joint.held_back(outer.forces, outer.motions) @ basis
+    left -= held.turns * _by_own_normals(assembly, held, outer.forces)
     # each motion alone, and the one along which all of the load is left
-    size = float(np.linalg.norm(left))
-    basis = np.column_stack([held.basis, left / size if size else left])
+    along = np.linalg.lstsq(basis.T, left, rcond=None)[0]
+    size = float(np.linalg.norm(along))
+    basis = np.column_stack([basis, along / size if size else along])
+    left = np.append(left, size)
     coarse = np.append(held.coarse, held.coarse.any())
-    error = np.where(coarse, WORST * COARSE, RESISTED)
-    levers, passing = _borne(assembly, held.near, basis, outer.forces)
-    bounds = levers + error * passing
-    joint.stays.share = float(
-        (bounds[passing > 0.0] / passing[passing > 0.0]).max(initial=RESISTED)
-    )
+    passing, rounding = _borne(assembly, held, basis, outer.forces)
+    bounds = np.append(held.errors, held.errors.max()) * passing + rounding
+    slide = passing > 0.0
+    joint.stays.share = float((bounds[slide] / passing[slide]).max(initial=RESISTED))
     loads = loads_of_loose(assembly)
 
     def judge() -> tuple[list[HeldMotion], Mechanism | None, bool]:
-        moved = []
+        bodies, told = held.bodies, list[HeldMotion]()
         for k, motion in enumerate(basis.T):
-            velocities = np.array(
-                [body.basis @ motion[joint.slices[body.name]] for body in held.bodies]
-            )
-            bound = float(bounds[k] + IMBALANCE * _speeds(held, velocities) @ loads)
-            load = float(left @ motion)
-            moved.append(_told(held, np.copysign(1.0, load) * velocities, abs(load), bound, k))
-        driven = [k for k, motion in enumerate(moved) if motion.moment > motion.bound]
-        told = moved[: held.basis.shape[1]]
-        if not driven or coarse[driven[0]]:
-            return told, None, bool(driven)
-        worst = moved[driven[0]]
-        speeds = _speeds(held, worst.velocities)
-        mechanism = Mechanism(
-            tuple(held.bodies),
-            worst.velocities / speeds.max(),
-            worst.moment * worst.unit / float((speeds * loads).max() or 1.0),
-            _because(worst, assembly.scene.units),
-        )
-        return told, mechanism, False
+            velocities = np.array([body.basis @ motion[joint.slices[body.name]] for body in bodies])
+            velocities *= np.copysign(1.0, left[k])
+            speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
+            load, bound = abs(left[k]), float(bounds[k] + IMBALANCE * speeds @ loads)
+            one = _told(bodies, velocities, speeds, load, bound, bool(coarse[k]))
+            told.append(one)
+            if load > bound and coarse[k]:
+                return [], None, True
+            if load > bound:
+                because = _because(one, assembly.scene.units)
+                imbalance = load / float((speeds * loads).max() or 1.0)
+                mechanism = Mechanism(tuple(bodies), velocities / speeds.max(), imbalance, because)
+                return told, mechanism, False
+        return told[:-1], None, False
 
     return from_first(assembly.world, judge)
-
-
-def _speeds(held: Held, velocities: np.ndarray) -> np.ndarray:
-    """(nb,) the most speed of each body with these `velocities` (nb, n). Only on the first rank."""
-    return np.array([body.speed(v) for body, v in zip(held.bodies, velocities, strict=True)])
 
 
 def slides(held: Sequence[HeldMotion]) -> bool:
@@ -360,41 +361,47 @@ def slides(held: Sequence[HeldMotion]) -> bool:
     return any(TURN not in one.motion and one.moment > IMBALANCE * one.bound for one in held)
 
 
-def _borne(
-    assembly: Assembly, bodies: Sequence[MotionsOfBody], basis: np.ndarray, s: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Σ |s_i| |gap_i| |ω| and Σ |s_i| |D_i v| (q,) of motions v, the columns of `basis`, under forces s (size,) in newtons.
-    Collective."""
-    space, slices = assembly.space, assembly.joint.slices
-    sums, forces = np.zeros((2, basis.shape[1])), space.at_nodes(s)
-    ends = np.cumsum([0, *(interface.m for interface in space.interfaces)])
-    for interface, start, stop in zip(space.interfaces, ends, ends[1:], strict=False):
-        at_node = forces[start:stop]
-        turns = np.zeros((1, basis.shape[1]))
-        for body, sign in _sides(assembly, interface, bodies):
-            turns = turns + sign * body.basis[body.dimension :] @ basis[slices[body.name]]
-        sums[0] += (at_node @ np.abs(interface.opening)) * np.linalg.norm(turns, axis=0)
-        sums[0] += IMBALANCE * at_node.sum() * np.linalg.norm(basis, axis=0)  # rounding
-        sums[1] += at_node @ np.linalg.norm(_past(assembly, interface, bodies) @ basis, axis=1)
-    levers, passing = space.add(sums.ravel()).reshape(sums.shape)
-    return levers, passing
+def _by_own_normals(assembly: Assembly, held: Held, s: np.ndarray) -> np.ndarray:
+    """What more the normal forces of `s` (size,) do on the held motions (q,) along the normals of each side than along
+    those of pairs (N). Collective."""
+    more = np.zeros(held.basis.shape[1])
+    for (part, numbers, _), (_, own) in zip(assembly.joint.rigid.blocks, held.passing, strict=True):
+        more += s[part][: len(own)] @ own @ held.basis[numbers]
+    return assembly.space.add(more)
 
 
-def _told(held: Held, velocities: np.ndarray, load: float, bound: float, k: int) -> HeldMotion:
-    """The k-th motion with these `velocities` (nb, n), the `load` that drives it, and its `bound` (N)."""
-    speeds = [body.speed(v) for body, v in zip(held.bodies, velocities, strict=True)]
-    lead = int(np.argmax(speeds))
-    body = held.bodies[lead]
+def _borne(assembly: Assembly, held: Held, basis: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Σ |s_i| |D_i v| of motions v, the columns of `basis` (·, q), under forces s (size,), and rounding beside all
+    forces: (2, q) in newtons. Collective."""
+    borne = np.zeros((2, basis.shape[1]))
+    for (part, numbers, _), (moves, own) in zip(
+        assembly.joint.rigid.blocks, held.passing, strict=True
+    ):
+        pressing, moved = np.abs(s[part][: len(own)]), moves @ basis[numbers]
+        speeds = np.linalg.norm(moved, axis=2).sum(axis=0)
+        # the normals of both sides are off, also of those that turn as one
+        slide = speeds if own.any() else np.linalg.norm(moved[0] - moved[1], axis=1)
+        borne += pressing @ slide, IMBALANCE * pressing @ speeds
+    return assembly.space.add(borne.ravel()).reshape(borne.shape)
+
+
+def _told(
+    bodies: Sequence[MotionsOfBody],
+    velocities: np.ndarray,
+    speeds: np.ndarray,
+    load: float,
+    bound: float,
+    coarse: bool,
+) -> HeldMotion:
+    """A motion with these `velocities` (nb, n), the `load` that drives it, and its `bound` (N)."""
+    lead = int(speeds.argmax())
     if not speeds[lead]:
-        return HeldMotion(body.name, "", 0.0, 0.0, False, velocities, 1.0)
-    along = velocities if forwards(held.bodies, velocities) > 0.0 else -velocities
-    way = describe_motions(held.bodies, along, "can")
-    turning = float(np.linalg.norm(velocities[lead][body.dimension :]))
-    unit = turning if TURN in way else speeds[lead]
-    coarse = bool(np.append(held.coarse, False)[k])
-    return HeldMotion(
-        body.name, f"{way}{WITHOUT}", load / unit, bound / unit, coarse, velocities, unit
-    )
+        return HeldMotion(bodies[lead].name, "", 0.0, 0.0, coarse)
+    along = np.copysign(1.0, forwards(bodies, velocities)) * velocities
+    way = describe_motions(bodies, along, "can")
+    turns = float(np.linalg.norm(along[lead][bodies[lead].dimension :]))
+    unit = turns if TURN in way else float(speeds[lead])
+    return HeldMotion(bodies[lead].name, f"{way}{WITHOUT}", load / unit, bound / unit, coarse)
 
 
 def _because(held: HeldMotion, units: Mapping[str, str]) -> str:
@@ -414,8 +421,8 @@ def coarse_words(held: Sequence[HeldMotion]) -> list[str]:
         if one.coarse:
             motions.setdefault(one.body, []).append(one.motion.removesuffix(WITHOUT))
     return [
-        f"body.{body}: facets resist a motion of it by about {COARSE:.0%} of its forces, which smooth sides would not; "
-        f"it is held ({'; '.join(ways)}); take order 2 or a finer mesh"
+        f"body.{body}: facets, or a shape as near to a round one, resist a motion of it by about {COARSE:.0%} of its "
+        f"forces; it is held as if sides were smooth and round ({'; '.join(ways)}); order 2 tells the two apart"
         for body, ways in motions.items()
     ]
 
@@ -425,10 +432,18 @@ def beyond_meshes(assembly: Assembly, held: Held, mechanism: Mechanism | None) -
     errors of lever arms: what is left along it then decides, see `judge_held`. Not collective."""
     if mechanism is None or not held.basis.size or mechanism.imbalance > LEVERS:
         return mechanism
-    alpha, slices = np.zeros(len(held.basis)), assembly.joint.slices
-    turns = False
-    for body, v in zip(mechanism.bodies, mechanism.velocities, strict=True):
-        alpha[slices[body.name]] = np.linalg.lstsq(body.basis, v, rcond=None)[0]
-        turns |= bool(np.linalg.norm(v[body.dimension :]) * body.size > LEVERS)
+    moving = zip(mechanism.bodies, mechanism.velocities, strict=True)
+    alpha = np.concatenate([np.linalg.lstsq(body.basis, v, rcond=None)[0] for body, v in moving])
     left = alpha - held.span @ (held.span.T @ alpha)
+    turns = turning(mechanism.bodies, mechanism.velocities)
     return None if turns and np.linalg.norm(left) <= LEVERS * np.linalg.norm(alpha) else mechanism
+
+
+def turning(bodies: Sequence[MotionsOfBody], velocities: Iterable[np.ndarray]) -> bool:
+    """Whether `velocities` (nb, n) turn a body, by more than LEVERS of what the fastest one moves."""
+    moves = [
+        (np.linalg.norm(v[body.dimension :]) * body.size, body.speed(v))
+        for body, v in zip(bodies, velocities, strict=True)
+    ]
+    turns, speeds = np.array(moves).max(axis=0)
+    return bool(turns > LEVERS * speeds)

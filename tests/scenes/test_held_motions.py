@@ -1,6 +1,7 @@
 """Round parts without friction, and bodies without forces: what nothing determines stays where it was, and is told."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -63,13 +64,109 @@ def test_a_shaft_in_a_bush_turns_no_more_than_its_half(around, order):
     assert held["moment"] <= 1e-3 * held["bound"] and half.summary["held_motions"] == []
 
 
-def test_a_load_aslant_leaves_the_lever_arm_of_the_gap():
-    """Pulled at 45°, gaps along the normals leave a moment of the clearance: it is told, and the turn stays zero."""
-    answer = certified(shaft((40, 46), [-2.68, -2.68]))
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_load_aslant_leaves_no_moment(order):
+    """It goes through the shaft's axis, about which the bush's forces have no moment, whatever the gap as drawn."""
+    answer = certified(shaft((40, 46), [-2.68, -2.68], order))
     (held,) = answer.summary["held_motions"]
-    assert 0.1 * held["bound"] < held["moment"] < held["bound"]
+    # the lever arm of the normals between both sides is half the clearance: 35 N mm, 0.025 mm times 1,400 N
+    assert held["moment"] < 1e-3 * held["bound"] and held["bound"] < 5.0
     assert answer.summary["bodies"]["shaft"]["displacement_max"] < 0.1
     assert answer.contacts["shaft-bush"].pressure.max() < 200.0
+
+
+@pytest.mark.clarabel
+@pytest.mark.parametrize(
+    ("clearance", "load", "moment"),
+    [(0.05, [0.0, 4.0], 0.0), (0.05, [0.0, 4.0], 20.0), (1.0, [-2.7, 2.7], 0.0), (1.0, [-2.7, 2.7], 20.0)],
+)  # fmt: skip
+def test_a_gap_that_is_crossed_bears_no_moment(clearance, load, moment):
+    """A shaft pulled across its clearance rests without a moment, and with one below force times clearance it turns."""
+    # ∫ x² over the ring
+    load = [load[0], f"{load[1]} + {moment / (np.pi / 4 * (10.0**4 - 4.0**4))!r} * x"]
+    scene = shaft((40, 46), load)
+    scene["body"][0]["mesh"]["center"] = [0.0, -clearance]
+    scene["body"][1]["mesh"]["radii"] = [10.0 + clearance, 20.0]
+    answer = ddmpi.solve(scene)
+    (held,) = answer.summary["held_motions"]
+    assert held["moment"] == pytest.approx(moment, rel=1e-2, abs=1e-3)
+    if not moment:
+        # to where it touches: (r sin a, r cos a) from the middle of the bush, and drawn below that
+        angle = np.arctan2(load[0] if isinstance(load[0], float) else 0.0, 2.7 if load[0] else 4.0)
+        gone = clearance * np.array([np.sin(angle), np.cos(angle) + 1.0])
+        assert answer.certified
+        assert answer.summary["bodies"]["shaft"]["displacement_max"] == pytest.approx(
+            np.linalg.norm(gone), rel=0.02, abs=0.03
+        )
+    else:
+        assert answer.reason.startswith(
+            "no equilibrium: shaft would turn counterclockwise about (0, "
+        )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_lobes_resist_a_turn(order):
+    """Three lobes of a thousandth of the radius are no facets: a moment is balanced, as with a friction of 1e-6."""
+    geometry = Path(__file__).parents[2] / "scripts" / "round"
+    body = [
+        {"name": name, "mesh": {"geometry": str(geometry / f"lobed_{name}.geo"), "size": 4.0, "order": order},
+         "material": STEEL}
+        for name in ("pin", "lug")
+    ]  # fmt: skip
+    body[0]["volume_force"] = [0.0, f"-3.18 + {1.0 / (np.pi / 4 * 10.0**4)!r} * x"]
+    body[1]["clamp"] = ["top"]
+    contact = {"bodies": ["pin", "lug"], "on": ["rim", "bore"]}
+    turned = []
+    for more in ({}, {"friction": {"law": "coulomb", "coefficient": 1e-6}}):
+        answer = certified({"body": body, "contact": [contact | more]})
+        assert answer.summary["held_motions"] == [] and answer.summary["warnings"]
+        turned.append(answer.summary["bodies"]["pin"]["displacement_max"])
+    assert turned[0] == pytest.approx(turned[1], rel=0.02) and turned[0] > 2.0
+
+
+def rolling(order: int, slave: str, moment: float = 0.0) -> dict:
+    """A ball between two plates, which is meshed coarsely."""
+    low, high = (
+        {
+            "name": name,
+            "material": {"young": 1e5, "poisson": 0.3},
+            "mesh": {
+                "shape": "box",
+                "origin": [-2.0, -2.0, z],
+                "size": [4.0, 4.0, 1.0],
+                "divisions": [6, 6, 2],
+            },
+        }
+        for name, z in (("low", -1.0), ("high", 2.0))
+    )
+    low["clamp"] = ["bottom"]
+    high["clamp"] = [{"on": "top", "x": 0.0, "y": 0.0, "z": -0.01}]
+    mesh = {"shape": "ball", "center": [0.13, -0.21, 1.0], "radius": 1.0, "size": 0.6}
+    ball = {
+        "name": "ball",
+        "mesh": mesh | {"order": order},
+        "material": {"young": 1e5, "poisson": 0.3},
+    }
+    if moment:
+        # the moment of inertia of a ball about an axis: 8/15 π r⁵
+        size = moment / (8.0 / 15.0 * np.pi)
+        ball["volume_force"] = [f"{-size!r} * (y + 0.21)", f"{size!r} * (x - 0.13)", 0.0]
+    contacts = [
+        {"bodies": ["ball", plate], "on": ["surface", side], "slave": slave or plate}
+        for plate, side in (("low", "top"), ("high", "bottom"))
+    ]
+    return {"body": [ball, low, high], "contact": contacts}
+
+
+@pytest.mark.parametrize(("order", "slave"), [(1, "ball"), (1, ""), (2, "")])
+def test_a_ball_turns_freely_about_three_axes(order, slave):
+    """By its own normals, which are radial on linear elements, too: nothing is left along its turns."""
+    answer = certified(rolling(order, slave))
+    held = answer.summary["held_motions"]
+    assert len(held) == 3 and all("ball can turn about the axis" in one["motion"] for one in held)
+    assert all(one["moment"] <= (1e-9 if order == 1 else 0.2 * one["bound"]) for one in held)
+    assert answer.summary["bodies"]["ball"]["displacement_max"] < 1.0  # that of coarse contacts
+    assert not any("facets" in warning for warning in answer.summary["warnings"])
 
 
 @pytest.mark.clarabel
@@ -93,6 +190,35 @@ def test_a_moment_beyond_what_facets_may_bear_has_no_equilibrium(moment):
         "only the facets of the meshes resist" in answer.reason
         and "clamp the turn" in answer.reason
     )
+
+
+def test_coarse_elements_let_hold_what_is_resisted_far_less_than_the_rest():
+    """Linear ones in space: 1e-3 beside 1 is held, 1e-3 beside 1e-2 is not; of other elements neither is."""
+    of_sides = np.eye(3)
+
+    def found(second: float, coarse: bool) -> tuple[np.ndarray, bool]:
+        return held._unresisted(np.diag([1.0, 1e-3, second]) ** 2, of_sides, coarse)
+
+    vectors, level = found(0.5, True)
+    assert np.abs(vectors[:, 0]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)
+    assert vectors.shape == (3, 1) and level
+    for second, coarse in ((1.5e-2, True), (0.5, False)):
+        vectors, level = found(second, coarse)
+        assert vectors.shape == (3, 0) and not level
+
+
+def test_what_coarse_elements_let_hold_is_told():
+    """Once a body, with its motions, and what may also be the reason."""
+    ways = [f"ball can turn about the axis along {axis} without any force" for axis in "xy"]
+    told = held.coarse_words(
+        [
+            *(held.HeldMotion("ball", way, 1.0, 2.0, True) for way in ways),
+            held.HeldMotion("pin", "pin can turn without any force", 1.0, 2.0, False),
+        ]
+    )
+    (words,) = told
+    assert words.startswith("body.ball: facets, or a shape as near to a round one, resist")
+    assert "along x; ball can turn about the axis along y" in words and "order 2" in words
 
 
 def test_square_pin_in_square_hole_is_not_held():

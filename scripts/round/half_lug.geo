@@ -1,0 +1,22 @@
+// the right half of the lug
+Point(1) = {0, 0, 0};
+Point(2) = {0, -10.05, 0};
+Point(3) = {10.05, 0, 0};
+Point(4) = {0, 10.05, 0};
+Point(5) = {0, 30, 0};
+Point(6) = {25, 30, 0};
+Point(7) = {25, -30, 0};
+Point(8) = {0, -30, 0};
+Circle(1) = {2, 1, 3};
+Circle(2) = {3, 1, 4};
+Line(3) = {4, 5};
+Line(4) = {5, 6};
+Line(5) = {6, 7};
+Line(6) = {7, 8};
+Line(7) = {8, 2};
+Curve Loop(1) = {1, 2, 3, 4, 5, 6, 7};
+Plane Surface(1) = {1};
+Physical Surface("lug") = {1};
+Physical Curve("bore") = {1, 2};
+Physical Curve("top") = {4};
+Physical Curve("middle") = {3, 7};
