@@ -92,7 +92,7 @@ def at_contacts(
             u, yielded, energy, work = member.at_contacts(s, alpha)
         acting = max(norm(member.e), norm(s))
         if acting <= force and np.abs(u).max(initial=0.0) <= moved:  # as in `recover`
-            u, energy = np.zeros_like(u), 0.0
+            u = np.zeros_like(u)  # loads that move no contact store energy all the same
         traces.append(u)
         farthest, yielding = (float(np.abs(array).max(initial=0.0)) for array in (u, yielded))
         beside |= {(name, side): (None, None, yielding) for name, (_, side) in member.parts.items()}

@@ -1,0 +1,605 @@
+"""What the program promises of each feature in each kind of scene.
+
+A feature is a function of the kind: it returns a scene, and either the words with which the program refuses it, or what
+its answer is, by keys of summary.json: from statics, closed forms or Hooke's law in `kinds.py`, never from the program.
+Beside these keys stand `field`, the displacement of all nodes by body, and `stored`, the strain energy with that of
+springs, which load steps tell.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from kinds import BRASS, STEEL, Kind, Stuff, turned
+
+LOAD = 3.1e5
+"""A stress (Pa)."""
+
+THICKNESS = "bodies with contacts or foundations have the depth alone"
+
+
+@dataclass
+class Case:
+    """A scene with its answer, or with the words that refuse it.
+
+    Attributes
+    ----------
+    scene : as `ddmpi.solve` takes it
+    refused : words of the message; empty where there is an answer
+    told : by key of the summary the value, and what beside it is rounding
+    fields : by body the displacement (nv, d) at points (nv, d)
+    stored : the strain energy of all bodies and springs, None where statics does not tell it
+    """
+
+    scene: dict
+    refused: str = ""
+    told: dict[str, tuple[Any, float]] = field(default_factory=dict)
+    fields: dict[str, Callable] = field(default_factory=dict)
+    stored: float | None = None
+
+    @property
+    def joules(self) -> float:
+        """An energy beside which 1e-9 is rounding."""
+        return self.stored or LOAD**2 / STEEL.young[0]
+
+
+FEATURES: dict[str, Callable[[Kind], Case]] = {}
+"""All features by name."""
+
+
+def feature(make: Callable[[Kind], Case]) -> Callable[[Kind], Case]:
+    """A feature of the matrix, named by its function."""
+    FEATURES[make.__name__.replace("_", " ")] = make
+    return make
+
+
+def told(size: float, **values: Any) -> dict[str, tuple[Any, float]]:
+    """Values by key, in which __ stands for a dot; beside `size` is rounding."""
+    return {key.replace("__", "."): (value, size) for key, value in values.items()}
+
+
+# A block that is pulled upwards, by all kinds of loads
+
+
+def pulled(
+    kind: Kind,
+    stuff: Stuff = STEEL,
+    warm: float = 0.0,
+    stress: float = LOAD,
+    group: str = "top",
+    **keys: Any,
+) -> Case:
+    """One stress upwards in a block on its guides, by loads on a `group`."""
+    strain = kind.strains(stuff, stress, warm)
+    force, top = stress * kind.area() * kind.up, kind.low[-1] + kind.size[-1]
+    clamp = kind.guides() + keys.pop("clamp", [])
+    scene = kind.scene(kind.block(stuff=stuff, clamp=clamp, **keys))
+    size = LOAD * kind.area()
+    stored = kind.stored(stuff, stress, warm) * kind.area() * kind.size[-1]
+    found = told(
+        size,
+        bodies__block__reactions__bottom__force=-force,
+        bodies__block__reactions__bottom__moment=kind.moment(kind.middle(kind.low[-1]), -force),
+    )
+    if "traction" in keys:
+        found |= told(
+            size,
+            bodies__block__reaction=-force,
+            bodies__block__loads__top__force=force,
+            bodies__block__loads__top__moment=kind.moment(kind.middle(top), force),
+        )
+    else:
+        found |= told(size, bodies__block__reaction=0.0 * force)
+        if stress:
+            found |= told(size, bodies__block__reactions__top__force=force)
+    return Case(scene, told=found, fields={"block": kind.field(strain)}, stored=stored)
+
+
+@feature
+def traction_by_value(kind: Kind) -> Case:
+    return pulled(kind, traction=[{"on": "top", "value": (LOAD * kind.up).tolist()}])
+
+
+@feature
+def traction_by_pressure(kind: Kind) -> Case:
+    return pulled(kind, stress=-LOAD, traction=[{"on": "top", "pressure": LOAD}])
+
+
+@feature
+def traction_by_force(kind: Kind) -> Case:
+    force = (LOAD * kind.area() * kind.up).tolist()
+    return pulled(kind, traction=[{"on": "top", "force": force}])
+
+
+@feature
+def traction_by_formula(kind: Kind) -> Case:
+    """On a part of the top, as far as the middle node, by a comparison."""
+    limit = float(kind.middle(0.0)[0])
+    load = kind.up.astype(object)
+    load[load == 0.0], load[-1] = 0.0, f"{LOAD} * (x <= {limit})"
+    scene = kind.scene(
+        kind.block(
+            clamp=kind.guides(),
+            traction=[{"on": "top", "value": load.tolist()}],
+        )
+    )
+    force, top = LOAD * kind.area(limit) * kind.up, kind.low[-1] + kind.size[-1]
+    moment = kind.moment(kind.middle(top, limit), force)
+    found = told(
+        LOAD * kind.area(),
+        bodies__block__loads__top__force=force,
+        bodies__block__loads__top__moment=moment,
+        bodies__block__reaction=-force,
+    )
+    return Case(scene, told=found)
+
+
+@feature
+def traction_by_moment(kind: Kind) -> Case:
+    size = LOAD * kind.area()
+    given = 0.11 * size if kind.d == 2 else [0.13 * size, 0.0, 0.07 * size]
+    clamp = ["bottom"] if kind.order == 1 else [*kind.guides(), "bottom"]
+    scene = kind.scene(kind.block(clamp=clamp, traction=[{"on": "top", "moment": given}]))
+    if kind.axis:
+        return Case(scene, refused="traction.0.moment")
+    still = np.zeros(kind.d)
+    found = told(
+        size,
+        bodies__block__loads__top__force=still,
+        bodies__block__loads__top__moment=np.array(given),
+        bodies__block__reaction=still,
+        bodies__block__reactions__bottom__moment=-np.array(given),
+    )
+    return Case(scene, told=found)
+
+
+@feature
+def weight(kind: Kind) -> Case:
+    """Between walls: u = −γ (H y − y²/2) / M, which elements of order 2 have, and γ² H³ A / 6 M is stored."""
+    gamma, H, M = 5.3e5, kind.size[-1], kind.confined(STEEL)
+    scene = kind.scene(
+        kind.block(
+            clamp=[*kind.walls(), kind.hold("bottom")], volume_force=(-gamma * kind.up).tolist()
+        )
+    )
+    force = -gamma * kind.area() * H * kind.up
+    found = told(
+        gamma * kind.area() * H,
+        bodies__block__reactions__bottom__force=-force,
+    )
+    if not kind.axis:
+        found |= told(
+            gamma * kind.area() * H,
+            bodies__block__reaction=-force,
+        )
+
+    def sunk(points: np.ndarray) -> np.ndarray:
+        y = points[:, -1:] - kind.low[-1]
+        return -gamma * (H * y - 0.5 * y**2) / M * kind.up
+
+    if kind.order == 1:
+        return Case(scene, told=found)
+    return Case(
+        scene, told=found, fields={"block": sunk}, stored=gamma**2 * H**3 * kind.area() / 6 / M
+    )
+
+
+# Supports
+
+
+@feature
+def moved_clamp(kind: Kind) -> Case:
+    way = LOAD / kind.modulus(STEEL) * kind.size[-1]
+    return pulled(kind, clamp=[kind.hold("top", way)])
+
+
+@feature
+def clamp_along_the_normal(kind: Kind) -> Case:
+    way = LOAD / kind.modulus(STEEL) * kind.size[-1]
+    return pulled(kind, clamp=[{"on": "top", "normal": way}])
+
+
+@feature
+def clamp_by_formula(kind: Kind) -> Case:
+    """A clamp that varies: the comparison holds at the node on its limit."""
+    limit, way, top = float(kind.middle(0.0)[0]), 3.7e-4, kind.low[-1] + kind.size[-1]
+    clamp = [*kind.guides(), kind.hold("top", f"{way} * (x <= {limit})")]
+    scene = kind.scene(kind.block(clamp=clamp))
+
+    def lifted(points: np.ndarray) -> np.ndarray:
+        u = np.full(points.shape, np.nan)
+        above = np.isclose(points[:, -1], top)
+        u[above, -1] = way * (points[above, 0] < limit + 1e-9)
+        return u
+
+    return Case(scene, fields={"block": lifted})
+
+
+@feature
+def foundation_along_the_normal(kind: Kind) -> Case:
+    """A block on a mat that is pressed: it sinks by q / k as a whole, beside its strains."""
+    k, clamp = 4.7e8, kind.guides()[1:]
+    scene = kind.scene(
+        kind.block(
+            clamp=clamp,
+            foundation=[{"on": "bottom", "normal": k}],
+            traction=[{"on": "top", "pressure": LOAD}],
+        )
+    )
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+    strain, force = kind.strains(STEEL, -LOAD), LOAD * kind.area() * kind.up
+    stored = 0.5 * LOAD * kind.area() * (LOAD / k - strain[-1, -1] * kind.size[-1])
+    found = told(
+        LOAD * kind.area(),
+        bodies__block__reaction=force,
+        bodies__block__reactions__bottom__force=force,
+        bodies__block__reactions__bottom__moment=kind.moment(kind.middle(kind.low[-1]), force),
+    )
+    field = kind.field(strain, -LOAD / k * kind.up)
+    return Case(scene, told=found, fields={"block": field}, stored=stored)
+
+
+@feature
+def foundation_along_the_surface(kind: Kind) -> Case:
+    """A block that is pushed where its springs are, along them, moves by q / k without strains."""
+    k = 3.9e8
+    on, way = ("right", kind.up) if kind.axis else ("bottom", kind.aside)
+    foundation = [{"on": on, "tangential": k}]
+    if not kind.axis:
+        foundation[0]["normal"] = 2.3e8
+    clamp = [] if kind.d == 2 else [{"on": "front", "y": 0.0}]
+    scene = kind.scene(
+        kind.block(
+            clamp=clamp,
+            foundation=foundation,
+            traction=[{"on": on, "value": (LOAD * way).tolist()}],
+        )
+    )
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+    area = kind.area()
+    if kind.axis:
+        area = 2 * np.pi * (kind.low[0] + kind.size[0]) * kind.size[1]
+    found = told(LOAD * area, bodies__block__reaction=-LOAD * area * way)
+    field = kind.field(np.zeros((kind.d, kind.d)), LOAD / k * way)
+    return Case(scene, told=found, fields={"block": field}, stored=0.5 * LOAD**2 / k * area)
+
+
+# Heat and materials
+
+WARM = 43.0
+"""A temperature (K)."""
+
+
+@feature
+def heat_without_hindrance(kind: Kind) -> Case:
+    return pulled(kind, warm=WARM, stress=0.0, temperature=WARM)
+
+
+@feature
+def heat_between_supports(kind: Kind) -> Case:
+    """A heated block that cannot grow upwards: the stress −E' ε of its free strain ε."""
+    free = kind.strains(STEEL, 0.0, WARM)[-1, -1]
+    stress = -kind.modulus(STEEL) * free
+    return pulled(kind, warm=WARM, stress=stress, temperature=WARM, clamp=[kind.hold("top")])
+
+
+def orthotropic(kind: Kind) -> Stuff:
+    """Three unlike moduli; around an axis the same along the radius and around it, as else no stress is even."""
+    if kind.axis:
+        n12 = 0.17
+        return Stuff(
+            (3.1e9, 7.3e9, 3.1e9),
+            (n12, 0.22, n12 * 7.3 / 3.1),
+            (1.9e9, 1.2e9, 1.9e9),
+            (1.1e-5, 2.3e-5, 1.1e-5),
+        )
+    return Stuff(
+        (3.1e9, 7.3e9, 5.2e9), (0.17, 0.22, 0.29), (1.9e9, 1.2e9, 2.6e9), (1.1e-5, 2.3e-5, 0.7e-5)
+    )
+
+
+@feature
+def orthotropic_material(kind: Kind) -> Case:
+    load = [{"on": "top", "value": (LOAD * kind.up).tolist()}]
+    return pulled(kind, stuff=orthotropic(kind), traction=load)
+
+
+@feature
+def orthotropic_material_turned(kind: Kind) -> Case:
+    """Pulled between its axes it also turns aside."""
+    load = [{"on": "top", "value": (LOAD * kind.up).tolist()}]
+    axes = turned(28.0) if kind.d == 2 else turned(28.0, (0.3, -0.5, 0.8))
+    both = {"axes": [axes[:, 0].tolist(), axes[:, 1].tolist()]}
+    turn = {"angle": 28.0} if kind.d == 2 else both
+    straight = orthotropic(kind)
+    stuff = Stuff(straight.young, straight.poisson, straight.shear, straight.expansion, axes)
+    if kind.axis:  # a cone of fibres: no stress is even, but the loads are what they are
+        scene = kind.scene(kind.block(stuff=stuff, clamp=kind.guides(), more=turn, traction=load))
+        force = LOAD * kind.area() * kind.up
+        return Case(scene, told=told(LOAD * kind.area(), bodies__block__reaction=-force))
+    return pulled(kind, stuff=stuff, traction=load, more=turn)
+
+
+@feature
+def orthotropic_material_heated(kind: Kind) -> Case:
+    return pulled(kind, stuff=orthotropic(kind), warm=WARM, stress=0.0, temperature=WARM)
+
+
+# Contacts of two blocks, one on the other
+
+BELOW = 0.4375
+"""The height of the lower block (m)."""
+
+
+def stacked(kind: Kind, /, stress: float = -LOAD, walls: bool = False, **contact: Any) -> Case:
+    """Two blocks on each other under one stress upwards, free to strain aside or between walls."""
+    level = float(kind.low[-1])
+    bottom = level - BELOW
+    cells = contact.pop("cells", {2: (2, 1), 3: (2, 1, 1)}[kind.d])
+    aside = kind.walls() if walls else kind.guides()[1:]
+    scene = kind.scene(
+        kind.block(
+            "upper",
+            clamp=aside,
+            traction=[{"on": "top", "value": (stress * kind.up).tolist()}],
+        ),
+        kind.block(
+            "lower", BRASS, bottom, height=BELOW, cells=cells, clamp=[*aside, kind.hold("bottom")]
+        ),
+        contact=[{"bodies": ["upper", "lower"], "on": ["bottom", "top"]} | contact],
+        grows=contact.get("kind", "unilateral") == "unilateral",
+    )
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+
+    def strains(stuff: Stuff) -> np.ndarray:
+        if walls:
+            return np.diag(stress / kind.confined(stuff) * kind.up)
+        return kind.strains(stuff, stress)
+
+    upper, lower = strains(STEEL), strains(BRASS)
+    force = -stress * kind.area() * kind.up
+    found = told(
+        LOAD * kind.area(),
+        **{
+            "contacts__upper-lower__force": force,
+            "contacts__upper-lower__moment": kind.moment(kind.middle(level), force),
+            "contacts__upper-lower__normal_force": -stress * kind.area(),
+            "contacts__upper-lower__tangential_force": 0.0,
+            "contacts__upper-lower__open": 0,
+        },
+    )
+    fields = {
+        "upper": kind.field(upper, BELOW * lower[-1, -1] * kind.up),
+        "lower": kind.field(lower, bottom=bottom),
+    }
+    heights = ((upper, kind.size[-1]), (lower, BELOW))
+    stored = sum(0.5 * stress * strain[-1, -1] * height for strain, height in heights)
+    return Case(scene, told=found, fields=fields, stored=stored * kind.area())
+
+
+UNLIKE = {2: (3, 2), 3: (3, 2, 1)}
+"""Cells of a lower block that does not match the upper one."""
+
+
+@feature
+def contact_of_matching_nodes(kind: Kind) -> Case:
+    return stacked(kind)
+
+
+@feature
+def contact_by_mortar(kind: Kind) -> Case:
+    return stacked(kind, cells=UNLIKE[kind.d])
+
+
+@feature
+def contact_by_mortar_with_the_other_slave(kind: Kind) -> Case:
+    return stacked(kind, cells=UNLIKE[kind.d], slave="upper")
+
+
+@feature
+def coulombs_friction_that_sticks(kind: Kind) -> Case:
+    return stacked(kind, walls=True, friction={"law": "coulomb", "coefficient": 0.37})
+
+
+@feature
+def trescas_friction_that_sticks(kind: Kind) -> Case:
+    friction = {"law": "tresca", "slip_bound": 0.4 * LOAD}
+    return stacked(kind, walls=True, friction=friction, cells=UNLIKE[kind.d])
+
+
+@feature
+def bond_that_is_pulled(kind: Kind) -> Case:
+    return stacked(kind, LOAD, walls=True, kind="bonded")
+
+
+@feature
+def bond_by_mortar_that_is_pulled(kind: Kind) -> Case:
+    return stacked(kind, LOAD, walls=True, kind="bonded", cells=UNLIKE[kind.d])
+
+
+@feature
+def guide_that_is_pulled(kind: Kind) -> Case:
+    return stacked(kind, LOAD, kind="guided")
+
+
+@feature
+def pretension(kind: Kind) -> Case:
+    """A cut between two supports: the given force, with the offset that both blocks give way."""
+    case = stacked(kind, LOAD, walls=True, kind="bonded")
+    force = LOAD * kind.area()
+    upper = case.scene["body"][0]
+    del upper["traction"]
+    upper["clamp"].append(kind.hold("top"))
+    bond = case.scene["contact"][0]
+    bond["pretension"] = {"force": -force, "along": (1.7 * kind.up).tolist()}
+    if kind.steps:
+        bond["pretension"] |= {"force": -force / 0.6, "history": "way"}
+    if case.refused:
+        return case
+    way = sum(
+        LOAD * height / kind.confined(stuff)
+        for stuff, height in ((STEEL, kind.size[-1]), (BRASS, BELOW))
+    )
+    case.told = told(
+        force,
+        **{
+            "contacts__upper-lower__force": -force * kind.up,
+            "contacts__upper-lower__pretension__force": -force,
+        },
+    ) | told(way, **{"contacts__upper-lower__pretension__offset": -way})
+    pulled_down = LOAD / kind.confined(STEEL) * kind.size[-1] * kind.up
+    strain = np.diag(LOAD / kind.confined(STEEL) * kind.up)
+    case.fields["upper"] = kind.field(strain, -pulled_down)
+    return case
+
+
+# Contacts with rigid partners
+
+
+def on_floor(kind: Kind, stress: float, floor: dict | None = None, **contact: Any) -> Case:
+    """A block on a rigid floor under one stress upwards."""
+    keys = contact.pop("block")
+    clamp = kind.guides()[1:] + keys.pop("clamp", [])
+    shift = contact.pop("shift", 0.0)
+    scene = kind.scene(
+        kind.block(clamp=clamp, **keys),
+        rigid=[kind.floor(**(floor or {}))],
+        contact=[{"bodies": ["block", "floor"], "on": ["bottom"]} | contact],
+        grows=True,
+    )
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+    force = -stress * kind.area() * kind.up
+    found = told(
+        LOAD * kind.area(),
+        **{
+            "contacts__block-floor__force": force,
+            "contacts__block-floor__moment": kind.moment(kind.middle(kind.low[-1]), force),
+            "contacts__block-floor__normal_force": force[-1],
+            "rigid__floor__force": -force,
+        },
+    )
+    strain = kind.strains(STEEL, stress)
+    stored = kind.stored(STEEL, stress) * kind.area() * kind.size[-1]
+    return Case(scene, told=found, fields={"block": kind.field(strain, shift)}, stored=stored)
+
+
+@feature
+def rigid_floor(kind: Kind) -> Case:
+    return on_floor(kind, -LOAD, block={"traction": [{"on": "top", "pressure": LOAD}]})
+
+
+def squeezed(kind: Kind) -> float:
+    """How far a block under the stress LOAD gives way (m)."""
+    return LOAD / kind.modulus(STEEL) * kind.size[-1]
+
+
+@feature
+def moved_floor(kind: Kind) -> Case:
+    way = squeezed(kind) * kind.up
+    floor = {"displacement": way.tolist()}
+    return on_floor(kind, -LOAD, floor, block={"clamp": [kind.hold("top")]}, shift=way)
+
+
+@feature
+def pushed_floor(kind: Kind) -> Case:
+    way = squeezed(kind) * kind.up
+    floor = {"force": (LOAD * kind.area() * kind.up).tolist()}
+    case = on_floor(kind, -LOAD, floor, block={"clamp": [kind.hold("top")]}, shift=way)
+    if not case.refused:
+        case.told |= told(way[-1], rigid__floor__displacement=way)
+    return case
+
+
+@feature
+def interference(kind: Kind) -> Case:
+    way = squeezed(kind)
+    block = {"clamp": [kind.hold("top")]}
+    return on_floor(kind, -LOAD, block=block, gap=-way, shift=way * kind.up)
+
+
+@feature
+def gap_that_closes(kind: Kind) -> Case:
+    """A block above a floor comes down by its gap, and then gives way."""
+    way, gap = squeezed(kind), 2.9e-5
+    block = {"clamp": [kind.hold("top", -way - gap)]}
+    return on_floor(kind, -LOAD, block=block, gap=gap, shift=-gap * kind.up)
+
+
+def sliding(kind: Kind, friction: dict, bound: float | None) -> Case:
+    """A block that is pressed and dragged on a floor, around an axis a ring that is pulled through a tight bore."""
+    drag = 0.21  # so far that the block, which grows aside, slips along x to 1e-9
+    if kind.axis:
+        scene = kind.scene(
+            kind.block(clamp=[kind.hold("left", drag)]),
+            rigid=[
+                {
+                    "name": "floor",
+                    "shape": "plane",
+                    "point": [float(kind.low[0] + kind.size[0]), 0.0],
+                    "normal": [-1.0, 0.0],
+                }
+            ],
+            contact=[
+                {
+                    "bodies": ["block", "floor"],
+                    "on": ["right"],
+                    "friction": friction,
+                    "gap": -1.7e-4,
+                }
+            ],
+            grows=True,
+        )
+        area = 2 * np.pi * (kind.low[0] + kind.size[0]) * kind.size[1]
+    else:
+        clamp = [{"on": "top", "x": drag}]
+        if kind.d == 3:
+            clamp.append({"on": "top", "y": 0.0})
+        scene = kind.scene(
+            kind.block(clamp=clamp, traction=[{"on": "top", "pressure": LOAD}]),
+            rigid=[kind.floor()],
+            contact=[{"bodies": ["block", "floor"], "on": ["bottom"], "friction": friction}],
+            grows=True,
+        )
+        area = kind.area()
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+
+    def rubs(summary: dict) -> float:
+        """Tresca's bound over the area, Coulomb's of the normal force, which statics tell but around an axis."""
+        normal = summary["contacts"]["block-floor"]["normal_force"] if kind.axis else LOAD * area
+        return bound * area if "slip_bound" in friction else friction["coefficient"] * normal
+
+    def against(summary: dict) -> np.ndarray:
+        force = -rubs(summary) * (kind.up if kind.axis else kind.aside)
+        if kind.axis:
+            return np.where(kind.up > 0.0, force, np.nan)
+        return np.where(kind.up > 0.0, LOAD * area, np.where(kind.aside > 0.0, force, np.nan))
+
+    found = told(
+        LOAD * area,
+        **{
+            "contacts__block-floor__tangential_force": lambda summary: rubs(summary),
+            "contacts__block-floor__force": against,
+            "contacts__block-floor__open": 0,
+            "contacts__block-floor__stick": 0,
+        },
+    )
+    return Case(scene, told=found)
+
+
+@feature
+def coulombs_friction_that_slips(kind: Kind) -> Case:
+    return sliding(kind, {"law": "coulomb", "coefficient": 0.09}, None)
+
+
+@feature
+def trescas_friction_that_slips(kind: Kind) -> Case:
+    bound = 0.08 * LOAD
+    return sliding(kind, {"law": "tresca", "slip_bound": bound}, bound)
