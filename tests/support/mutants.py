@@ -33,6 +33,10 @@ LAW, SIDES, LEGS = (
     "coupling/test_exchange.py",
 )
 HELD = "scenes/test_held_motions.py"
+PRODUCTS, RARER = (
+    "products/test_products.py::test_a_feature_in_a_kind_of_scene",
+    "products/test_rarer.py",
+)
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
 CYCLES = "scenes/test_cycles.py"
 DENSE = "methods/test_dense.py"
@@ -66,6 +70,84 @@ GUIDED, TURNED, BOLTS = (
 MUTANTS = [
     Mutant(*row)
     for row in (
+        # products of kinds
+        (
+            "springs around an axis without the circumference",
+            "body/loads",
+            "size = size * circumference(places, mesh.axisymmetric)\n        largest",
+            "size = size * 1.0\n        largest",
+            f"{PRODUCTS}[foundation along the normal-axis-1-once]",
+        ),
+        (
+            "a pretension of a deck is not per depth",
+            "decks/joints",
+            "value / self.acts.matter.depth",
+            "value",
+            f"{RARER}::test_a_pretension_of_a_deck_is_per_depth",
+        ),
+        (
+            "folds are looked for in quadrature points alone",
+            "mesh/mesh",
+            "np.concatenate([RULES[mesh.dimension][0], np.eye(mesh.dimension + 1)])",
+            "RULES[mesh.dimension][0]",
+            f"{RARER}::test_a_cell_that_folds_at_its_corner_alone_is_refused",
+        ),
+        (
+            "a formula's limit is beyond it",
+            "scene/formulas",
+            "1.0 * (a <= b)",
+            "1.0 * (a < b)",
+            f"{PRODUCTS}[clamp by formula-strain-1-once]",
+        ),
+        (
+            "means over sides without the circumference",
+            "results/tables",
+            "* circumference(places, axisymmetric)",
+            "* 1.0",
+            f"{RARER}::test_means_over_sides_are_those_of_their_area",
+        ),
+        (
+            "a largest factor is positive",
+            "results/histories",
+            "np.abs(history['factors']).max() or 1.0",
+            "np.max(history['factors']) or 1.0",
+            f"{RARER}::test_pictures_show_the_step_of_the_largest_factor_whatever_its_sign",
+        ),
+        (
+            "touching is foreseen without bound",
+            "interface/state",
+            "np.minimum(gap[touches] / closing[touches], ahead)",
+            "gap[touches] / closing[touches]",
+            f"{RARER}::test_a_node_that_touches_ahead_slides_no_more_than_its_step",
+        ),
+        (
+            "a free shift turns with the body",
+            "scene/motions",
+            "Frame.of(shift).after(frame).after(",
+            "frame.after(Frame.of(shift)).after(",
+            f"{RARER}::test_a_free_shift_goes_along_the_axes_of_the_world",
+        ),
+        (
+            "springs of a team's body are added",
+            "coupling/team",
+            "self._f.array[dofs] -= stiffness",
+            "self._f.array[dofs] += stiffness",
+            f"{RARER}::test_a_loose_body_on_several_ranks_is_in_equilibrium",
+        ),
+        (
+            "a history's last time ends no leg",
+            "scene/time",
+            "np.concatenate([[0.0], rise / run, [0.0]])",
+            "np.concatenate([[0.0], rise / run])",
+            f"{RARER}::test_the_last_time_of_a_history_ends_a_leg",
+        ),
+        (
+            "a body without contacts stores nothing in lean steps",
+            "run/recover",
+            "u = np.zeros_like(u)\n        traces",
+            "u, energy = (np.zeros_like(u), 0.0)\n        traces",
+            f"{PRODUCTS}[traction by value-strain-1-steps]",
+        ),
         # petsc, system
         (
             "slender bodies count in full",
