@@ -18,6 +18,8 @@ from kinds import BRASS, STEEL, Kind, Stuff, turned
 LOAD = 3.1e5
 """A stress (Pa)."""
 
+ALONG_THE_AXIS = "an axisymmetric partner is pushed along y only and does not turn"
+
 THICKNESS = "bodies with contacts or foundations have the depth alone"
 
 
@@ -603,3 +605,93 @@ def coulombs_friction_that_slips(kind: Kind) -> Case:
 def trescas_friction_that_slips(kind: Kind) -> Case:
     bound = 0.08 * LOAD
     return sliding(kind, {"law": "tresca", "slip_bound": bound}, bound)
+
+
+def on_round(kind: Kind, shape: str, only: int) -> Case:
+    """A block that is pressed on a round partner: the height of the force is the load, wherever they touch."""
+    at, radius = kind.middle(kind.low[-1]), 1.9
+    centre = (at - radius * kind.up).tolist()
+    where = (
+        {"point": centre, "axis": [0.0, 1.3, 0.0]} if shape == "cylinder" else {"center": centre}
+    )
+    scene = kind.scene(
+        kind.block(clamp=kind.walls(), traction=[{"on": "top", "pressure": LOAD}]),
+        rigid=[{"name": "round", "shape": shape, "radius": radius} | where],
+        contact=[{"bodies": ["block", "round"], "on": ["bottom"]}],
+        grows=True,
+    )
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+    if kind.d != only:
+        return Case(scene, refused=f"a {shape} is a shape")
+    force = np.where(kind.up > 0.0, LOAD * kind.area(), np.nan)
+    keys = {"contacts__block-round__force": force, "rigid__round__force": -force}
+    return Case(scene, told=told(LOAD * kind.area(), **keys))
+
+
+@feature
+def round_partner_in_the_plane(kind: Kind) -> Case:
+    return on_round(kind, "circle", 2)
+
+
+@feature
+def ball(kind: Kind) -> Case:
+    return on_round(kind, "sphere", 3)
+
+
+@feature
+def shaft(kind: Kind) -> Case:
+    return on_round(kind, "cylinder", 3)
+
+
+def carried(kind: Kind, shape: dict, moment: Any) -> Case:
+    """A partner that is bonded to the top brings its force and moment there, and the clamp bears both."""
+    size = LOAD * kind.area()
+    pivot = kind.middle(kind.low[-1] + kind.size[-1]) + 0.23 * kind.up
+    force = 0.7 * size * kind.up + 0.17 * size * kind.aside
+    if kind.axis:
+        force = 0.7 * size * kind.up
+    turn = {} if moment is None else {"moment": moment, "pivot": pivot.tolist()}
+    free = {"free": list("xyz"[: kind.d])} if moment is None and not kind.axis else {}
+    scene = kind.scene(
+        kind.block(clamp=["bottom"]),
+        rigid=[{"name": "tool", "force": force.tolist()} | turn | free | shape],
+        contact=[{"bodies": ["block", "tool"], "on": ["top"], "kind": "bonded"}],
+    )
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+    # around an axis what holds a radius is no resultant
+    borne = np.where(kind.up > 0.0, -force, np.nan if kind.axis else -force)
+    found = told(size, bodies__block__reactions__bottom__force=borne)
+    if moment is not None:
+        about = kind.moment(pivot, force) + np.array(moment)
+        found |= told(size, bodies__block__reactions__bottom__moment=-about)
+    return Case(scene, told=found)
+
+
+def plate_on_top(kind: Kind) -> dict:
+    """A rigid plane that looks down on the top of the block."""
+    at = kind.middle(kind.low[-1] + kind.size[-1])
+    return {"shape": "plane", "point": at.tolist(), "normal": (-kind.up).tolist()}
+
+
+def some_moment(kind: Kind) -> Any:
+    size = LOAD * kind.area()
+    return 0.13 * size if kind.d == 2 else [0.05 * size, 0.11 * size, 0.07 * size]
+
+
+@feature
+def pushed_plate(kind: Kind) -> Case:
+    return carried(kind, plate_on_top(kind), None)
+
+
+@feature
+def turned_plate(kind: Kind) -> Case:
+    case = carried(kind, plate_on_top(kind), some_moment(kind))
+    return Case(case.scene, refused=ALONG_THE_AXIS) if kind.axis else case
+
+
+@feature
+def reference_node(kind: Kind) -> Case:
+    case = carried(kind, {"shape": "node"}, some_moment(kind))
+    return Case(case.scene, refused=ALONG_THE_AXIS) if kind.axis else case
