@@ -76,7 +76,7 @@ MUTANTS = [
             "body/loads",
             "size = size * circumference(places, mesh.axisymmetric)\n        largest",
             "size = size * 1.0\n        largest",
-            f"{PRODUCTS}[foundation along the normal-axis-1-once]",
+            f"{PRODUCTS}[foundation along the normal-axis-2-steps]",
         ),
         (
             "a pretension of a deck is not per depth",
@@ -146,7 +146,7 @@ MUTANTS = [
             "run/recover",
             "u = np.zeros_like(u)\n        traces",
             "u, energy = (np.zeros_like(u), 0.0)\n        traces",
-            f"{PRODUCTS}[traction by value-strain-1-steps]",
+            f"{PRODUCTS}[traction by value-strain-2-steps]",
         ),
         # petsc, system
         (
