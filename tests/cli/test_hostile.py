@@ -122,9 +122,16 @@ def told(place: Place, capsys, *arguments: str) -> tuple[int, str]:
     """Exit code and the one message of a command, after which nothing but the output folder has changed."""
     before = place.tree()
     code = cli._main(MPI.COMM_SELF, list(arguments), [])
-    # on a busy machine gmsh takes long enough to be waited for in words
+    # on a busy machine gmsh takes long enough to be waited for in words; and a clamped plate has infinite stresses
+    beside = (
+        ": gmsh is meshing ",
+        "ddmpi: warning: body.plate: the largest",
+        " cases warn, each in",
+    )
     lines = [
-        line for line in capsys.readouterr().err.splitlines() if ": gmsh is meshing " not in line
+        line
+        for line in capsys.readouterr().err.splitlines()
+        if not any(words in line for words in beside)
     ]
     assert place.tree() == before
     assert len(lines) == (1 if code else 0), lines

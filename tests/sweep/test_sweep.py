@@ -86,7 +86,7 @@ def test_failing_cases_do_not_stop_the_others(mixed):
     lines = [line for line in mixed.stdout.splitlines() if re.match(r"\d/8  case ", line)]
     assert [line.partition("  case ")[2][0] for line in lines] == list("01234567")
     assert all(f": {status}" in line for line, status in zip(lines, EXPECTED, strict=True))
-    assert "PETSc options that nothing used: not_an_option, " in lines[7]
+    assert "PETSc options that nothing used: not_an_option; " in lines[7]
 
 
 def test_the_table_has_reasons_and_repeats_the_summaries(mixed):
