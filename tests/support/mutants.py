@@ -2346,7 +2346,7 @@ MUTANTS = [
         (
             "preconditioner ignores the Laplacian",
             "methods/half_space",
-            "over @ interface.geometry.laplacian @ over + ",
+            "over @ laplacian @ over + ",
             "",
             "methods/test_newton.py::test_half_space_of_one_node",
         ),
