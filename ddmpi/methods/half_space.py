@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy.linalg as dense
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 from scipy.special import ellipj, ellipkm1
@@ -40,6 +41,9 @@ factor (c J)^½ to the power UNEVEN. Two boxes then take 182 products instead of
 
 SHIFTS = 6
 """Terms of the root: its relative error is about exp(−2π² SHIFTS/(ln κ + 3)), 1e-3 at a condition κ of A of 1e6."""
+
+SMALL = 40
+"""Up to so many nodes dense inverses are made in less time than one sparse matrix: of the contacts of a small body."""
 
 MODE_STEPS, MODE_PRECISION = 60, 0.05
 """Most Lanczos steps for a body's smooth modes, and the relative error of the modes; they only precondition."""
@@ -105,11 +109,15 @@ class HalfSpace:
         longest = np.array([LONGEST[interface.law.components] for interface in interfaces])
         self._lowest = (longest / length) ** 2
         self._root = np.sqrt(area)[:, None]
-        over = sparse.diags(1.0 / self._root[:, 0])
-        laplacian = sparse.block_diag(
-            [interface.geometry.laplacian for interface in interfaces], format="csr"
-        )
-        A = (over @ laplacian @ over + sparse.diags(self._lowest[self._of])).tocsr()
+        laplacians = [interface.geometry.laplacian for interface in interfaces]
+        small = len(area) <= SMALL
+        if small:
+            A = dense.block_diag(*(each.toarray() for each in laplacians)) / self._root
+            A = A / self._root.T + np.diag(self._lowest[self._of])
+        else:
+            over = sparse.diags(1.0 / self._root[:, 0])
+            A = over @ sparse.block_diag(laplacians, "csr") @ over
+            A = (A + sparse.diags(self._lowest[self._of])).tocsr()
         # Hale, Higham, Trefethen 2008, method 3: A^½ = (2/π) ∫ A (A + t²)⁻¹ dt over t > 0 with t = √lowest sn/cn(u), by
         # the midpoint rule in u up to the complete elliptic integral K of m = 1 − lowest/highest. Twice the largest
         # diagonal entry stands for the highest eigenvalue
@@ -119,10 +127,16 @@ class HalfSpace:
         sn, cn, dn, _ = ellipj(middles * quarter, 1.0 - modulus)
         self._weights = 2.0 * quarter * np.sqrt(self._lowest) / (np.pi * SHIFTS) * dn / cn**2
         self._shifts, self._sum = self._lowest * (sn / cn) ** 2, self._weights.sum(axis=0)
+        squares = self._shifts[:, self._of]
+        if small:
+            inverses = np.linalg.inv(A + squares[:, :, None] * np.eye(len(area)))
+            self._solve = lambda x: inverses @ x
+            return
         # all A + t² in one block-diagonal matrix: one factorization and one solve
         shifted = sparse.block_diag(SHIFTS * [A], format="csc")
-        shifted.setdiag(shifted.diagonal() + self._shifts[:, self._of].ravel())
-        self._shifted = splu(shifted)
+        shifted.setdiag(shifted.diagonal() + squares.ravel())
+        factors = splu(shifted)
+        self._solve = lambda x: factors.solve(np.tile(x, (SHIFTS, 1))).reshape(SHIFTS, *x.shape)
 
     def softened(self, deltas: Sequence[float]) -> HalfSpace:
         """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`.
@@ -157,7 +171,7 @@ class HalfSpace:
         # M = scale W^½ A^½ W^½ with A^½ = Σ w (1 − t² (A + t²)⁻¹), and M⁻¹ = W^−½ A^−½ W^−½ / scale
         scale = self._scale[self._of, None]
         x = x / self._root if inverse else self._root * x
-        shifted = self._shifted.solve(np.concatenate(SHIFTS * [x])).reshape(SHIFTS, *x.shape)
+        shifted = self._solve(x)  # (A + t²)⁻¹ x (SHIFTS, m, c)
         weights = self._weights if inverse else self._weights * self._shifts
         summed = np.einsum("tm,tmc->mc", weights[:, self._of], shifted)
         if inverse:

@@ -114,6 +114,7 @@ def columns(operator, size: int) -> np.ndarray:
     ("x", "sliding", "dropped"),
     [
         (np.linspace(0, 3, 40), range(40), 0),
+        (np.linspace(0, 3, 60), range(60), 0),
         (np.linspace(0, 3, 40)[1:], range(39), 1),
         (np.linspace(0, 3, 25), [*range(3, 12), *range(15, 25)], 0),
         (np.linspace(0, 3, 25), [], 0),
@@ -123,6 +124,7 @@ def columns(operator, size: int) -> np.ndarray:
     ],
     ids=[
         "even",
+        "sparse",
         "first node dropped",
         "some slide",
         "no friction",
