@@ -300,14 +300,22 @@ class Joint:
         onto which a body falls that may turn. Collective.
 
         The guess closes all nodes where clamps support all bodies. With loose bodies it closes the nodes that touch, as
-        forces would pull an unloaded body to a distant partner, and all nodes of a loose body whose load presses it
-        onto no touching node, such as a shaft that falls through its clearance.
+        forces would pull an unloaded body to a distant partner, or that their loads bring to touch beside these; and
+        all nodes of a loose body whose load presses it onto no such node, such as a shaft that falls through its
+        clearance.
         """
         space = self.space
-        # gap ≤ 0 without forces: they touch or overlap, as drawn and with rigid partners moved
-        touches = [
-            space.gap[entries][: interface.m] <= 0.0 for interface, entries in space.with_slices()
-        ]
+        # a load on a point of a body of modulus E* moves it by about load / E* (in space: and over its size)
+        moduli = self.rigid_moduli() if self.rigid.size else self.e
+        yields = np.divide(np.abs(self.e), moduli, out=np.zeros_like(moduli), where=moduli > 0.0)
+        touches = []
+        for interface, entries in space.with_slices():
+            bodies = self.slices.keys() & set(interface.bodies)
+            approach = max(
+                (yields[self.slices[name]].max(initial=0.0) for name in bodies), default=0.0
+            )
+            # without forces, as drawn and with rigid partners moved
+            touches.append(space.gap[entries][: interface.m] <= approach)
         falls = [np.zeros(len(touch), bool) for touch in touches]
         lonely: list[str] = []
         if self.rigid.size:

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import scenes
+from mpi4py import MPI
 
 from ddmpi.coupling.joint import STEERING, Joint
 
@@ -68,3 +70,22 @@ def test_a_product_that_is_kept_is_as_precise_as_matters():
     assert asked == [
         value for each in (pytest.approx(1e-4), STEERING, 0.0, 0.5) for value in (each, each)
     ]
+
+
+def test_the_first_guess_closes_what_a_load_brings_to_touch():
+    """A loose block stands on one end of its side: nodes whose gap is below load / E* are closed, others are not."""
+    force, slope, moduli = 5e5, 3e-4, ((2e9, 0.3), (3e9, 0.25))
+    upper, lower = (
+        scenes.rectangle(name, (0.0, y), (4.0, 1.0), (16, 4), young=young, poisson=poisson)
+        for name, y, (young, poisson) in zip(("upper", "lower"), (0.0, -1.0), moduli, strict=True)
+    )
+    upper["traction"] = [{"on": "top", "value": [0.0, -force / 4.0]}]
+    lower["clamp"] = ["bottom"]
+    gap = {"points": [0.0, 4.0], "values": [0.0, 4.0 * slope]}
+    contact = {"bodies": ["upper", "lower"], "on": ["bottom", "top"], "gap": gap}
+    assembly = scenes.prepare_scene(MPI.COMM_SELF, {"body": [upper, lower], "contact": [contact]})
+    closed, falls = assembly.joint.first_closed()
+    reach = force * sum((1.0 - poisson**2) / young for young, poisson in moduli) / slope
+    x = scenes.the_interface(assembly).xy[:, 0]
+    assert x.min() == 0.0 and 0.5 < reach < 3.5
+    assert (closed == (x < reach)).all() and not falls.any()

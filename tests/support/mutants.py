@@ -864,6 +864,13 @@ MUTANTS = [
             "mesh/test_shapes.py::test_folded_triangle_is_refused",
         ),
         (
+            "the first guess closes touching nodes alone",
+            "coupling/joint",
+            "space.gap[entries][:interface.m] <= approach",
+            "space.gap[entries][:interface.m] <= 0.0",
+            "coupling/test_joint.py::test_the_first_guess_closes_what_a_load_brings_to_touch",
+        ),
+        (
             "a part is meshed with all others",
             "mesh/boundary",
             "model.removeEntities([(d, tag) for tag in names if tag != kept], recursive=True)",
