@@ -179,13 +179,23 @@ class Motions:
     size : number of motions of all bodies
     blocks : for each owned interface the slice of its entries, the numbers (c,) of the motions of its bodies, and their
         contact displacements (its size, c); together they are Z (owned size, size), sparse (m)
+
+    Attributes
+    ----------
+    columns : (owned size, k) the blocks one below the other, k the largest c, with zeros beside narrower ones
     """
 
     def __init__(
         self, space: Space, size: int, blocks: Sequence[tuple[slice, np.ndarray, np.ndarray]]
     ) -> None:
         self.space, self.size, self.blocks = space, size, tuple(blocks)
-        self.Z = self.assemble([block for _, _, block in self.blocks])
+        widest = max((len(numbers) for _, numbers, _ in self.blocks), default=0)
+        self.columns = np.zeros((space.size, widest))
+        self._numbers = np.full((space.size, widest), -1)  # of the motions; −1 where there is none
+        for entries, numbers, block in self.blocks:
+            self.columns[entries, : len(numbers)] = block
+            self._numbers[entries, : len(numbers)] = numbers
+        self.Z = self.assemble(self.columns)
 
     def joined(self, other: Motions) -> Motions:
         """These motions and then the `other` ones."""
@@ -204,16 +214,12 @@ class Motions:
             ],
         )
 
-    def assemble(self, blocks: Sequence[np.ndarray]) -> sparse.csr_matrix:
-        """A matrix like Z from columns (its size, c) of every owned interface, for the motions of its bodies."""
-        rows, columns, values = [np.empty(0, int)], [np.empty(0, int)], [np.empty(0)]
-        for (entries, numbers, _), block in zip(self.blocks, blocks, strict=True):
-            rows.append(np.repeat(np.arange(entries.start, entries.stop), len(numbers)))
-            columns.append(np.tile(numbers, entries.stop - entries.start))
-            values.append(block.ravel())
+    def assemble(self, columns: np.ndarray) -> sparse.csr_matrix:
+        """A matrix like Z from `columns` like its own."""
+        rows, places = np.nonzero(self._numbers >= 0)
+        numbers = self._numbers[rows, places]
         return sparse.csr_matrix(
-            (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))),
-            (self.space.size, self.size),
+            (columns[rows, places], (rows, numbers)), (self.space.size, self.size)
         )
 
     def spread(self, alpha: np.ndarray) -> np.ndarray:
@@ -288,7 +294,7 @@ class CoarseSystem:
     ----------
     basis, E : I and E (owned size, k) sparse: directions of the unknown forces, and all forces from the unknown ones
     weights : W (k,) along the unknown forces; W Iᵀ M I W replaces Iᵀ M I
-    stiffness : M times columns (its size, c) of an owned interface, called with its number
+    stiffness : M times columns (owned size, c), without coupling between interfaces
     resists : K (size, size), sparse, the same on all ranks
     kept : (k,) bool, which of the first motions stay where they are
     held : (k, q) orthonormal columns, combinations of these motions that stay as well
@@ -303,7 +309,7 @@ class CoarseSystem:
         basis: sparse.csr_matrix,
         E: sparse.csr_matrix,
         weights: np.ndarray,
-        stiffness: Callable[[int, np.ndarray], np.ndarray],
+        stiffness: Callable[[np.ndarray], np.ndarray],
         resists: sparse.spmatrix,
         kept: Sequence[bool] | np.ndarray = (),
         columns: sparse.csr_matrix | None = None,
@@ -318,14 +324,8 @@ class CoarseSystem:
             self._held = np.vstack([held, np.zeros((motions.size - len(held), held.shape[1]))])
             moves = moves - sparse.csr_matrix(self._held) @ sparse.csr_matrix(self._held.T)
         with event("CoarseSystem"):
-            smooth = []
-            for number, (entries, _, block) in enumerate(motions.blocks):
-                along = basis if columns is None else columns
-                smooth.append(
-                    stiffness(
-                        number, basis[entries] @ (weights[:, None] * (along[entries].T @ block))
-                    )
-                )
+            along = basis if columns is None else columns
+            smooth = stiffness(basis @ (weights[:, None] * (along.T @ motions.columns)))
             # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ K] leaves S. The friction of slipping nodes follows the pressure, so E
             # differs from I, S is not symmetric, and the projector is oblique, unlike FETI's.
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth) @ moves).tocsr()

@@ -290,16 +290,15 @@ class Forces(NamedTuple):
     bound: np.ndarray
 
     @classmethod
-    def of(cls, interface: Interface, G: sparse.csc_matrix) -> Forces:
-        """Of one contact, from the columns G (nc, size) of all its forces, of which some are not zero."""
+    def of(cls, interface: Interface, motions: np.ndarray, powers: np.ndarray, nc: int) -> Forces:
+        """Of one contact, from the powers (size, n) of its forces on some `motions` (n,) of all nc, in their order."""
         law, zero, d = interface.law, np.zeros(interface.m), interface.dimension
-        motions = np.unique(G.indices)  # few, of two bodies
-        powers, n = G[motions].toarray().T, len(motions)
+        n = len(motions)
 
         def rows(x: np.ndarray) -> sparse.csr_matrix:
             k = x.size // n
             return sparse.csr_matrix(
-                (x.ravel(), np.tile(motions, k), n * np.arange(k + 1)), (k, G.shape[0])
+                (x.ravel(), np.tile(motions, k), n * np.arange(k + 1)), (k, nc)
             )
 
         none = rows(powers[:0])

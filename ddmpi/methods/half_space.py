@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import scipy.linalg as dense
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 from scipy.special import ellipj, ellipkm1
@@ -40,6 +41,9 @@ factor (c J)^½ to the power UNEVEN. Two boxes then take 182 products instead of
 
 SHIFTS = 6
 """Terms of the root: its relative error is about exp(−2π² SHIFTS/(ln κ + 3)), 1e-3 at a condition κ of A of 1e6."""
+
+SMALL = 40
+"""Up to so many nodes dense inverses are made in less time than one sparse matrix: of the contacts of a small body."""
 
 MODE_STEPS, MODE_PRECISION = 60, 0.05
 """Most Lanczos steps for a body's smooth modes, and the relative error of the modes; they only precondition."""
@@ -65,119 +69,133 @@ first each time that rough gaps are computed anew, as on slender bodies small er
 
 
 class HalfSpace:
-    """M ≈ C⁻¹ (N/m): a block for each interface, without coupling between them. `local` (size,) are the compliances
-    `Joint.local`, for interfaces with waves. Not collective."""
+    """M ≈ C⁻¹ (N/m): a block for each interface, without coupling between them or between the normal and tangential
+    components. `local` (size,) are the compliances `Joint.local`, for interfaces with waves. Not collective."""
 
     def __init__(self, space: Space, local: np.ndarray | None = None) -> None:
-        self._slices, local = (
-            list(space.parts.values()),
-            np.zeros(space.size) if local is None else local,
-        )
-        self._blocks = [
-            _Block(interface, local[entries]) for interface, entries in space.with_slices()
-        ]
-
-    def softened(self, deltas: Sequence[float]) -> HalfSpace:
-        """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`."""
-        softer = copy.copy(self)
-        softer._blocks = [
-            block.softened(delta) for block, delta in zip(self._blocks, deltas, strict=True)
-        ]
-        return softer
-
-    def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
-        """M x (size,) in newtons, of x (size,) in metres; or M⁻¹ x in metres, of x in newtons."""
-        y = np.empty_like(x)
-        for entries, block in zip(self._slices, self._blocks, strict=True):
-            y[entries] = block.mult(x[entries, None], inverse)[:, 0]
-        return y
-
-    def on_interface(self, number: int, x: np.ndarray) -> np.ndarray:
-        """M x (its size, c) in newtons, of columns x in metres on the interface with this number."""
-        return self._blocks[number].mult(x)
-
-
-class _Block:
-    """The stiffness of half-spaces on one interface, where normal and tangential components do not couple."""
-
-    def __init__(self, interface: Interface, local: np.ndarray) -> None:
-        components = interface.law.components * (len(interface.sliding) > 0)
-        self._columns = 1 + components  # of a node: the normal component, the tangential ones
-        self._at = self._columns * interface.law.node
-        self._at[interface.m :] += np.tile(np.arange(1, self._columns), len(interface.sliding))
-        self._root, self._scale = np.sqrt(interface.area)[:, None], 0.5 * interface.modulus
-        self._even = np.ones((interface.size, 1))
-        if not interface.m:  # of bodies that have left each other
+        self._met = np.array([interface.m > 0 for interface in space.interfaces], bool)
+        parts = [
+            pair for pair in space.with_slices() if pair[0].m
+        ]  # not bodies that left each other
+        self._at, self._even = np.empty(0, int), np.ones((space.size, 1))
+        if not parts:
             return
-        if interface.geometry.waves:
-            softness = np.sqrt(interface.stiffness * local)[:, None]
-            softness /= np.median(softness[softness > SAME * softness.max()])
-            # at planes of symmetry there are rows along which no body moves
-            self._even = np.where(softness > SAME, np.minimum(softness, 1.0) ** UNEVEN, 1.0)
-            self._scale *= FIRM
-        self._spacing = float(
-            np.mean(self._scale * interface.area / interface.stiffness[: interface.m])
+        interfaces = [interface for interface, _ in parts]
+        self._columns = max(_columns(interface) for interface in interfaces)
+        self._of = np.repeat(np.arange(len(parts)), [interface.m for interface in interfaces])
+        first = np.searchsorted(self._of, np.arange(len(parts)))  # node of each interface
+        self._at = np.concatenate(
+            [
+                self._columns * (start + interface.law.node) + _component(interface)
+                for start, interface in zip(first, interfaces, strict=True)
+            ]
         )
-        lowest = (LONGEST[interface.law.components] / interface.length) ** 2
-        over = sparse.diags(1.0 / self._root[:, 0])
-        A = (
-            over @ interface.geometry.laplacian @ over + lowest * sparse.identity(interface.m)
-        ).tocsr()
+        self._scale = np.array([0.5 * interface.modulus for interface in interfaces])
+        for k, (interface, entries) in enumerate(parts):
+            if interface.geometry.waves:
+                self._even[entries, 0] = _evenness(
+                    interface, np.zeros(interface.size) if local is None else local[entries]
+                )
+                self._scale[k] *= FIRM
+        self._factor(interfaces, first)
+
+    def _factor(self, interfaces: Sequence[Interface], first: np.ndarray) -> None:
+        """A and its root for these interfaces, whose first nodes have the numbers `first`."""
+        area = np.concatenate([interface.area for interface in interfaces])
+        stiffness = np.concatenate([interface.stiffness[: interface.m] for interface in interfaces])
+        spacing = self._scale[self._of] * area / stiffness
+        self._spacing = np.bincount(self._of, spacing) / np.bincount(self._of)
+        length = np.array([interface.length for interface in interfaces])
+        longest = np.array([LONGEST[interface.law.components] for interface in interfaces])
+        self._lowest = (longest / length) ** 2
+        self._root = np.sqrt(area)[:, None]
+        laplacians = [interface.geometry.laplacian for interface in interfaces]
+        small = len(area) <= SMALL
+        if small:
+            A = dense.block_diag(*(each.toarray() for each in laplacians)) / self._root
+            A = A / self._root.T + np.diag(self._lowest[self._of])
+        else:
+            over = sparse.diags(1.0 / self._root[:, 0])
+            A = over @ sparse.block_diag(laplacians, "csr") @ over
+            A = (A + sparse.diags(self._lowest[self._of])).tocsr()
         # Hale, Higham, Trefethen 2008, method 3: A^½ = (2/π) ∫ A (A + t²)⁻¹ dt over t > 0 with t = √lowest sn/cn(u), by
         # the midpoint rule in u up to the complete elliptic integral K of m = 1 − lowest/highest. Twice the largest
         # diagonal entry stands for the highest eigenvalue
-        modulus = lowest / (2.0 * A.diagonal().max())
+        modulus = self._lowest / (2.0 * np.maximum.reduceat(A.diagonal(), first))
         quarter = ellipkm1(modulus)
-        sn, cn, dn, _ = ellipj((np.arange(SHIFTS) + 0.5) * quarter / SHIFTS, 1.0 - modulus)
-        self._weights = 2.0 * quarter * np.sqrt(lowest) / (np.pi * SHIFTS) * dn / cn**2
-        self._shifts, self._lowest, self._sum = lowest * (sn / cn) ** 2, lowest, self._weights.sum()
+        middles = (np.arange(SHIFTS) + 0.5)[:, None] / SHIFTS
+        sn, cn, dn, _ = ellipj(middles * quarter, 1.0 - modulus)
+        self._weights = 2.0 * quarter * np.sqrt(self._lowest) / (np.pi * SHIFTS) * dn / cn**2
+        self._shifts, self._sum = self._lowest * (sn / cn) ** 2, self._weights.sum(axis=0)
+        squares = self._shifts[:, self._of]
+        if small:
+            inverses = np.linalg.inv(A + squares[:, :, None] * np.eye(len(area)))
+            self._solve = lambda x: inverses @ x
+            return
         # all A + t² in one block-diagonal matrix: one factorization and one solve
         shifted = sparse.block_diag(SHIFTS * [A], format="csc")
-        shifted.setdiag(shifted.diagonal() + np.repeat(self._shifts, interface.m))
-        self._shifted = splu(shifted)
+        shifted.setdiag(shifted.diagonal() + squares.ravel())
+        factors = splu(shifted)
+        self._solve = lambda x: factors.solve(np.tile(x, (SHIFTS, 1))).reshape(SHIFTS, *x.shape)
 
-    def softened(self, delta: float) -> _Block:
-        """By R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for R = A^½; b is δ times the spacing of nodes."""
-        if not len(self._root):
-            return self
-        softer, b = copy.copy(self), delta * self._spacing
-        softer._scale, softer._weights = (
-            self._scale * (1.0 + delta),
-            self._weights / (1.0 + b**2 * self._shifts),
-        )
-        softer._sum = (
-            1.0 / b if b**2 * self._lowest > 1.0 else softer._weights.sum()
-        )  # the shifts leave out small t
+    def softened(self, deltas: Sequence[float]) -> HalfSpace:
+        """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`.
+
+        By R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for R = A^½; b is δ times the spacing of nodes.
+        """
+        softer = copy.copy(self)
+        if self._met.any():
+            delta = np.asarray(deltas, float)[self._met]
+            b = delta * self._spacing
+            softer._scale = self._scale * (1.0 + delta)
+            softer._weights = self._weights / (1.0 + b**2 * self._shifts)
+            thick = b**2 * self._lowest > 1.0  # the shifts leave out small t
+            softer._sum = np.where(
+                thick, 1.0 / np.where(thick, b, 1.0), softer._weights.sum(axis=0)
+            )
         return softer
 
     def mult(self, x: np.ndarray, inverse: bool = False) -> np.ndarray:
-        """M x, or M⁻¹ x, of columns x (size, c)."""
+        """M x in newtons, of x (size,) or columns (size, c) in metres; or M⁻¹ x in metres, of x in newtons."""
         if not x.size:
             return x
-        nodes, even = (
-            np.zeros((len(self._root) * self._columns, x.shape[1])),
-            self._even ** (1 if inverse else -1),
-        )
-        nodes[self._at] = even * x
-        return (
-            even
-            * self._apply(nodes.reshape(len(self._root), -1), inverse).reshape(nodes.shape)[
-                self._at
-            ]
-        )
+        columns = x.reshape(len(x), -1)
+        even = self._even ** (1 if inverse else -1)
+        nodes = np.zeros((len(self._root) * self._columns, columns.shape[1]))
+        nodes[self._at] = even * columns
+        y = self._apply(nodes.reshape(len(self._root), -1), inverse).reshape(nodes.shape)
+        return (even * y[self._at]).reshape(x.shape)
 
     def _apply(self, x: np.ndarray, inverse: bool) -> np.ndarray:
         """The root of the operator, or its inverse A^−½ = Σ w (A + t²)⁻¹, on columns x (m, c)."""
         # M = scale W^½ A^½ W^½ with A^½ = Σ w (1 − t² (A + t²)⁻¹), and M⁻¹ = W^−½ A^−½ W^−½ / scale
+        scale = self._scale[self._of, None]
         x = x / self._root if inverse else self._root * x
-        shifted = self._shifted.solve(np.concatenate(SHIFTS * [x])).reshape(SHIFTS, -1)
+        shifted = self._solve(x)  # (A + t²)⁻¹ x (SHIFTS, m, c)
+        weights = self._weights if inverse else self._weights * self._shifts
+        summed = np.einsum("tm,tmc->mc", weights[:, self._of], shifted)
         if inverse:
-            return (self._weights @ shifted).reshape(x.shape) / (self._scale * self._root)
-        return (
-            self._scale
-            * self._root
-            * (self._sum * x - (self._weights * self._shifts @ shifted).reshape(x.shape))
-        )
+            return summed / (scale * self._root)
+        return scale * self._root * (self._sum[self._of, None] * x - summed)
+
+
+def _columns(interface: Interface) -> int:
+    """Components of a node: the normal one, and the tangential ones."""
+    return 1 + interface.law.components * (len(interface.sliding) > 0)
+
+
+def _component(interface: Interface) -> np.ndarray:
+    """(size,) the number of each entry's component, 0 for the normal one."""
+    tangential = np.tile(np.arange(1, _columns(interface)), len(interface.sliding))
+    return np.concatenate([np.zeros(interface.m, int), tangential])
+
+
+def _evenness(interface: Interface, local: np.ndarray) -> np.ndarray:
+    """(size,) the factor of rows whose functions have no waves within facets, see UNEVEN."""
+    softness = np.sqrt(interface.stiffness * local)
+    softness /= np.median(softness[softness > SAME * softness.max()])
+    # at planes of symmetry there are rows along which no body moves
+    return np.where(softness > SAME, np.minimum(softness, 1.0) ** UNEVEN, 1.0)
 
 
 def smooth_modes(

@@ -305,7 +305,7 @@ class LinearProblem:
                 basis,
                 basis if transposed else E,
                 self._weights,
-                self._half_space.on_interface,
+                self._half_space.mult,
                 resists,
                 joint.stays.bolts,
                 E if transposed else None,

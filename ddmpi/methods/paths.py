@@ -278,7 +278,7 @@ class InteriorPoints:
                 identity,
                 identity,
                 np.ones(size),
-                lambda _, block: block,
+                lambda columns: columns,
                 UNSEEN * sparse.identity(joint.rigid.size),
                 joint.stays.bolts,
                 held=joint.stays.held,

@@ -4,7 +4,7 @@ Each rank describes the forces that its contacts allow or resist in a few column
 """
 
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 import scipy.sparse as sparse
@@ -33,17 +33,13 @@ def look_for_mechanism(assembly: Assembly, least: float = IMBALANCE) -> Mechanis
     """
     if not assembly.loose or len(assembly.loose) > LARGEST:
         return None
-    world, space, joint, scene = assembly.world, assembly.space, assembly.joint, assembly.scene
+    world, joint, scene = assembly.world, assembly.joint, assembly.scene
     loads = loads_of_loose(assembly)
-    moves = sparse.diags(1.0 - joint.stays.bolts)
     with agreed(world):
         allowed = {
-            interface.name: Forces.of(interface, G)
-            for interface, G in (
-                (interface, (moves @ joint.rigid.Z[part].T).tocsc())
-                for interface, part in space.with_slices()
-            )
-            if G.nnz
+            interface.name: Forces.of(interface, motions, powers, joint.rigid.size)
+            for interface, motions, powers in _powers(assembly, ~joint.stays.bolts)
+            if len(motions)
         }
     forces, bodies = gathered(world, allowed), with_partners(assembly)
     return from_first(
@@ -60,6 +56,23 @@ def look_for_mechanism(assembly: Assembly, least: float = IMBALANCE) -> Mechanis
             else None
         ),
     )
+
+
+def _powers(
+    assembly: Assembly, moves: np.ndarray | None = None
+) -> Iterator[tuple[Interface, np.ndarray, np.ndarray]]:
+    """Each owned interface with the numbers (n,) of the rigid motions on which its forces have power, of those that
+    move where `moves` (rigid.size,) bool says which do; and these powers (its size, n). Not collective."""
+    joint = assembly.joint
+    for interface, (_, numbers, block) in zip(
+        assembly.space.interfaces, joint.rigid.blocks, strict=True
+    ):
+        acts = block.any(axis=0)
+        if moves is not None:
+            acts &= moves[numbers]
+        some = np.flatnonzero(acts)
+        some = some[np.argsort(numbers[some])]
+        yield interface, numbers[some], block[:, some]
 
 
 def loads_of_loose(assembly: Assembly) -> np.ndarray:
@@ -122,19 +135,14 @@ def _undetermined(
     """
     if not assembly.loose:
         return []
-    of_rank, Z, size = {}, assembly.joint.rigid.Z, assembly.joint.rigid.size
-    for interface, part in assembly.space.with_slices():
+    of_rank, size = {}, assembly.joint.rigid.size
+    for interface, motions, powers in _powers(assembly):
         rows, friction = chosen(interface)
-        forces = (rows @ Z[part]).tocsr()
-        motions = np.unique(forces.indices)
         # RᵀR = FᵀF: a triangular matrix stands for all forces F of a contact
-        R = np.atleast_2d(np.linalg.qr(forces[:, motions].toarray(), mode="r"))
+        R = np.atleast_2d(np.linalg.qr(rows @ powers, mode="r"))
         of_rank[interface.name] = (
-            sparse.csr_matrix(
-                (R.ravel(), np.tile(motions, len(R)), len(motions) * np.arange(len(R) + 1)),
-                (len(R), size),
-            ),
-            sparse.vstack([friction @ Z[part], abs(friction) @ abs(Z[part])]),
+            _among_all(R, motions, size),
+            _among_all(np.vstack([friction @ powers, abs(friction) @ abs(powers)]), motions, size),
         )
     of_all, bodies = gathered(assembly.world, of_rank), with_partners(assembly)
 
@@ -151,6 +159,12 @@ def _undetermined(
         return undetermined(sparse.vstack([*forces, still]).T, bodies, sum(slipping).toarray())
 
     return from_first(assembly.world, describe)
+
+
+def _among_all(x: np.ndarray, motions: np.ndarray, size: int) -> sparse.csr_matrix:
+    """Rows (k, n) on some `motions` (n,) as rows (k, size) on all."""
+    ends = len(motions) * np.arange(len(x) + 1)
+    return sparse.csr_matrix((x.ravel(), np.tile(motions, len(x)), ends), (len(x), size))
 
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:

@@ -20,18 +20,16 @@ class Springs(HalfSpace):
     """c ≈ C⁻¹ (N/m), `Interface.stiffness`: what half-spaces have against waves of the nodes' spacing."""
 
     def __init__(self, space, local=None):
-        self.stiffness = [interface.stiffness for interface in space.interfaces]
-        self.c = np.concatenate([np.empty(0), *self.stiffness])
+        self.c = np.concatenate([np.empty(0), *(each.stiffness for each in space.interfaces)])
 
     def softened(self, deltas):
         """(1 + δ) (1/c + δ/c)⁻¹ = c: springs behind a layer, by δ of each interface."""
         return self
 
     def mult(self, x, inverse=False):
-        return x / self.c if inverse else self.c * x
-
-    def on_interface(self, number, x):
-        return self.stiffness[number][:, None] * x
+        """Of a vector, or of the columns of a matrix."""
+        c = self.c.reshape(-1, *(1,) * (x.ndim - 1))
+        return x / c if inverse else c * x
 
 
 def main() -> None:

@@ -19,11 +19,12 @@ pytestmark = pytest.mark.clarabel
 
 def find(interfaces, G, e, bodies, load=0.0, least=IMBALANCE):
     """The mechanism of a scene; None where there may be equilibrium."""
+    G = sparse.csr_matrix(G).toarray()
     ends = np.cumsum([0, *(interface.size for interface in interfaces)])
-    forces = [
-        Forces.of(interface, sparse.csc_matrix(G[:, start:stop]))
-        for interface, start, stop in zip(interfaces, ends, ends[1:], strict=False)
-    ]
+    forces = []
+    for interface, start, stop in zip(interfaces, ends, ends[1:], strict=False):
+        motions = np.flatnonzero(G[:, start:stop].any(axis=1))
+        forces.append(Forces.of(interface, motions, G[motions, start:stop].T, len(G)))
     return find_mechanism(forces, e, bodies, load, least)
 
 

@@ -180,7 +180,7 @@ def test_the_coarse_problem_holds_motions_however_forces_follow_each_other():
         sparse.identity(size, format="csr"),
         sparse.csr_matrix(E),
         np.ones(size),
-        lambda _, columns: root @ root.T @ columns,
+        lambda columns: root @ root.T @ columns,
         sparse.diags(D),
         np.zeros(number, bool),
     )

@@ -29,6 +29,17 @@ STUDIES = {
         1,
         0,
     ),
+    "many_bodies": (
+        "--stacks 3 --walls 2x3",
+        (
+            "| scene | bodies | contacts | outer |",
+            "| stack 3 | 4 | 3 | ",
+            "| wall 2x3 | 7 | 12 | ",  # bricks 2 + 3 + 2, joints 1 + 2 + 1, beds 4 + 4
+            " | True |",
+        ),
+        1,
+        0,
+    ),
     "reproduce_tables": (
         "--sizes 6 --laws tresca",
         ("| 504 \\| 18 | 36 · ", "8 of them converged and certified"),
