@@ -2091,6 +2091,20 @@ MUTANTS = [
             f"{HELD}::test_an_unloaded_lid_lies_where_it_moves_least",
         ),
         (
+            "loads without a resultant are none",
+            "methods/newton",
+            "max(self._least_size, wanted, loads)",
+            "max(self._least_size, wanted)",
+            "scenes/test_without_contacts.py::test_loads_that_balance_each_other_need_no_force",
+        ),
+        (
+            "rounding of loads is an imbalance where nothing touches",
+            "methods/newton",
+            "(NO_FORCE if touching else 1.0) * joint.load",
+            "NO_FORCE * joint.load",
+            "scenes/test_without_contacts.py::test_loads_that_do_not_balance_each_other_are_no_equilibrium",
+        ),
+        (
             "small forces of stiff bodies are forces",
             "methods/newton",
             "tolerance * self._least_size)",
