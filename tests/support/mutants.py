@@ -3148,6 +3148,13 @@ MUTANTS = [
             "methods/test_newton.py::test_diagnosis_names_what_the_scene_can_do",
         ),
         (
+            "less friction is advised of slender bodies",
+            "run/run",
+            "helpful(scene, in_force(), slender)",
+            "helpful(scene, in_force())",
+            "methods/test_newton.py::test_no_friction_is_to_blame_for_slender_bodies",
+        ),
+        (
             "a finer mesh is advised where many nodes bear",
             "judge/diagnosis",
             "0 < closed < FEW",
