@@ -94,6 +94,7 @@ class Joint:
     stays : the motions that stay as they are
     slices : of the motions by body, empty for supported ones, and by driven partner
     e, K : the loads along the motions (rigid.size,) in newtons, and by how much they resist these (N/m), sparse
+    load : largest `Member.load` of the loose bodies (N), also where it has no resultant
     neglected : forces (N) that are negligible in products whose result is kept
     steering : relative precision of products in GMRES, over the factor by which GMRES must still reduce its residual
     dear : whether a body's products are by an iterative solver
@@ -129,6 +130,9 @@ class Joint:
             exchange, space, members, [member.G for member in members], self.driven
         )
         self.bodies = len(self.slices) - len(self.driven)
+        loose = [member for member in members if len(member.G)]
+        loads = self.of_all([np.array([member.load]) for member in loose])
+        self.load = float(loads.max(initial=0.0))
         self.stays = Stays(self.rigid.size)
         # a driven partner is a body without compliance; its rows of G s = e balance contact forces, force and moment
         self._none = sparse.csr_matrix((self.rigid.size,) * 2)

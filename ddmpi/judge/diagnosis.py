@@ -112,21 +112,22 @@ def contraction(history: list[Step], quantity: str = "update") -> float:
     return float(np.exp(np.polyfit(np.arange(len(values)), np.log(values), 1)[0]))
 
 
-def helpful(scene: Settled, options: Collection[str] = ()) -> set[str]:
+def helpful(scene: Settled, options: Collection[str] = (), slender: bool = False) -> set[str]:
     """Changes that the scene allows where no answer is found; `diagnose` tells those that fit how the run has ended.
 
     "friction": a contact slides with friction, so that there may be less of it. "anderson": that method takes the scene:
     two supported bodies, in one load step, with one contact that has friction; without, Newton's steps are those of an
-    active set, and another path leads nowhere else. "precision": the PETSc `options` in force set -newton_ksp_rtol.
-    Not collective.
+    active set, and another path leads nowhere else. Neither helps a body so `slender` that rounding hides its answer,
+    of which a warning tells. "precision": the PETSc `options` in force set -newton_ksp_rtol. Not collective.
     """
     rubs = [
         contact.kind == "unilateral" and contact.friction != NoFriction()
         for contact in scene.contact
     ]
     changes = {
-        "friction": any(rubs),
+        "friction": any(rubs) and not slender,
         "anderson": rubs == [True]
+        and not slender
         and len(scene.body) == 2
         and not scene.rigid
         and not scene.time

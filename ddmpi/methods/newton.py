@@ -60,7 +60,8 @@ NEGLECTED = 0.01
 """Error of a product by an iterative solver that is kept, over the error that the tolerance allows."""
 
 NO_FORCE = 1e-6
-"""Forces are compared with at least this fraction of those that would close the free gaps of half-planes."""
+"""Forces are compared with at least this fraction of those that would close the free gaps of half-planes, and of the
+loads on a loose body, whose resultant e may be rounding. Without any contact they are compared with these loads."""
 
 SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
 """The springs that steer rigid motions get softer by SOFTER, down to SOFTEST, where a step leaves most of an imbalance
@@ -155,9 +156,10 @@ class Newton(Outer):
         self._ends: list[Point] = []  # of the paths that failed
         self._trying = False  # whether steps are Newton's own, from the path's point
         self._misfit: float | None = None  # `_misfits` of the iterate
-        self._least_size = max(
-            self._least_size, NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e))
-        )
+        wanted = NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e))
+        touching = self.space.any(np.ones(joint.size))
+        loads = (NO_FORCE if touching else 1.0) * joint.load
+        self._least_size = max(self._least_size, wanted, loads)
         # from guessed active sets (_start) the iteration cannot end; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
         self._stalled, self._smallest, self._springs = 0, np.inf, 1.0

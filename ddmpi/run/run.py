@@ -223,8 +223,12 @@ def _climb(
 def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
     """Raise NotConvergedError, on all ranks, with advice, unless the answer is certified and meets its target."""
     solution, scene = solved.solution, ladder.scene
-    statuses = None if solution.certified else solution.statuses.whole()
-    with agreed(solved.assembly.world):
+    world, statuses, slender = solved.assembly.world, None, False
+    if not solution.certified:
+        statuses = solution.statuses.whole()
+        thin = any(doubt_shape(body.mesh, body.spec.name) for body in solved.assembly.bodies)
+        slender = world.allreduce(thin, MPI.LOR)
+    with agreed(world):
         if solution.given and solution.unbalanced:
             raise NotConvergedError(
                 f"{solution.reason} (the certificate fails: {', '.join(solution.violations)})"
@@ -240,7 +244,7 @@ def _refuse_uncertified(solved: Solved, ladder: MeshLadder) -> None:
                     scene.method,
                     solution.outer.history,
                     statuses,
-                    helpful(scene, in_force()),
+                    helpful(scene, in_force(), slender),
                     solution.precision,
                 )
             )

@@ -458,6 +458,30 @@ def test_diagnosis_names_what_the_scene_can_do():
     assert tried(bonded, "stalled", statuses=STILL) == ""
 
 
+@pytest.mark.parametrize("height, advised", [(0.5, True), (0.03, False)])
+def test_no_friction_is_to_blame_for_slender_bodies(tmp_path, height, advised):
+    """A run with too few steps names less friction and Anderson, but not beside the warning of a slender body."""
+    pressed = {"on": "top", "value": [2e6, -1e7]}
+    scene = {
+        "body": [
+            rectangle("upper", (0, 1), (3, height), (30, 1), clamp=["left"], traction=[pressed]),
+            rectangle("lower", (0, 0), (3, 1), (30, 5), clamp=["bottom"]),
+        ],
+        "contact": [
+            {
+                "bodies": ["upper", "lower"],
+                "on": ["bottom", "top"],
+                "friction": {"law": "coulomb", "coefficient": 0.5},
+            }
+        ],
+        "method": {"max_iterations": 2},
+    }
+    run = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "results")
+    assert run.code == 3 and ("times as long as it is thick" in run.stderr) != advised
+    for words in ("less friction", "anderson"):
+        assert (words in run.stderr) == advised
+
+
 def test_more_iterations_are_advised_where_they_ran_out_and_made_progress():
     """Not where the run has ended otherwise, nor where the residual does not fall."""
     scene = pinched_blocks(2, "none")

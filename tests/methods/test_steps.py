@@ -33,6 +33,7 @@ class Dense:
         np.empty(0, bool),
         np.empty(0),
     )
+    load = 0.0
 
     def __init__(
         self, C: np.ndarray, d: np.ndarray, coefficient: float, components: int = 1

@@ -99,3 +99,39 @@ def test_files_of_a_body_alone(tmp_path, way):
     assert call("report", str(run.folder)).code == 0
     checked = call("check", str(path), "--output", str(tmp_path / "check"))
     assert checked.code == 0 and not (tmp_path / "check" / "contacts.png").exists()
+
+
+def squeezed(way: str, share: float = 1.0, floor: bool = False) -> dict:
+    """A loose body under a pressure at one end and `share` of it at the other, alone or on a floor without friction."""
+    scene = {"axisymmetric": way == "axis", "body": [bar("bar", way)]}
+    body = scene["body"][0]
+    del body["clamp"], body["traction"]
+    body["traction"] = [
+        {"on": "top", "pressure": FORCE},
+        {"on": "bottom", "pressure": share * FORCE},
+    ]
+    if floor:
+        flat, normal = ([0.0, 0.0], [1.0, 0.0]) if way == "plane" else ([0.0] * 3, [1.0, 0.0, 0.0])
+        scene["rigid"] = [{"name": "floor", "shape": "plane", "point": flat, "normal": normal}]
+        scene["contact"] = [
+            {"bodies": ["bar", "floor"], "on": ["left"], "friction": {"law": "none"}}
+        ]
+    return scene
+
+
+@pytest.mark.parametrize(
+    "way, floor", [*((way, False) for way in WAYS), ("plane", True), ("space", True)]
+)
+def test_loads_that_balance_each_other_need_no_force(way, floor):
+    """A loose body under equal pressures at both ends is shorter by p L / E, whatever rounding leaves as a resultant."""
+    answer = certified(squeezed(way, floor=floor))
+    moved = answer.bodies["bar"].displacement[:, -1]
+    assert moved.max() - moved.min() == pytest.approx(FORCE * LENGTH / YOUNG, rel=1e-6)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_loads_that_do_not_balance_each_other_are_no_equilibrium(way):
+    """Not even where they differ by a millionth; a billionth is rounding, as of coordinates in a file."""
+    answer = ddmpi.solve(squeezed(way, 1.0 + 4e-6), MPI.COMM_SELF)
+    assert answer.reason.startswith("no equilibrium: bar would move along")
+    certified(squeezed(way, 1.0 + 1e-9))

@@ -2180,6 +2180,20 @@ MUTANTS = [
             f"{HELD}::test_an_unloaded_lid_lies_where_it_moves_least",
         ),
         (
+            "loads without a resultant are none",
+            "methods/newton",
+            "max(self._least_size, wanted, loads)",
+            "max(self._least_size, wanted)",
+            "scenes/test_without_contacts.py::test_loads_that_balance_each_other_need_no_force",
+        ),
+        (
+            "rounding of loads is an imbalance where nothing touches",
+            "methods/newton",
+            "(NO_FORCE if touching else 1.0) * joint.load",
+            "NO_FORCE * joint.load",
+            "scenes/test_without_contacts.py::test_loads_that_do_not_balance_each_other_are_no_equilibrium",
+        ),
+        (
             "small forces of stiff bodies are forces",
             "methods/newton",
             "tolerance * self._least_size)",
@@ -3228,6 +3242,13 @@ MUTANTS = [
             "'friction' in able and changing and (not log.frictionless)",
             "'friction' in able",
             "methods/test_newton.py::test_diagnosis_names_what_the_scene_can_do",
+        ),
+        (
+            "less friction is advised of slender bodies",
+            "run/run",
+            "helpful(scene, in_force(), slender)",
+            "helpful(scene, in_force())",
+            "methods/test_newton.py::test_no_friction_is_to_blame_for_slender_bodies",
         ),
         (
             "a finer mesh is advised where many nodes bear",
