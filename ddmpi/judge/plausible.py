@@ -506,8 +506,13 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
     interface, overlap, unit = state.interface, -state.between, assembly.scene.units["length"]
     k = int(np.argmax(overlap)) if len(overlap) else 0
     body = next(body for body in assembly.bodies if body.spec.name in interface.bodies)
-    least = max(LIMIT["between"] * state.yielding, RESOLVED * moved, 1e-12 * body.mesh.extent)
-    if not len(overlap) or not overlap[k] > least:
+    if not len(overlap):
+        return
+    # arcs through the nodes of two round sides overlap by next to nothing as drawn, also without any load
+    drawn = -interface.probes.opening(interface.scale)[k]
+    arcs = min(max(drawn, 1e-12 * body.mesh.extent), SAME * body.mesh.extent)
+    least = max(LIMIT["between"] * state.yielding, RESOLVED * moved, (1.0 + SAME) * arcs)
+    if not overlap[k] > least:
         return
     place = in_words(interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k], 4)
     other = ""

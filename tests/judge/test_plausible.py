@@ -857,3 +857,26 @@ def test_a_tip_that_no_row_feels_is_a_warning(order, rigid, moved, capfd):
     )
     assert state.deepest == pytest.approx(max(-moved, 0.0), rel=1e-9, abs=1e-15)
     assert f"(at least {'0' if moved < 0 else '0.001'} apart)" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("around", [(60, 52), (24, 90)])
+def test_a_shaft_in_a_bush_of_its_radius_overlaps_by_nothing(around, order):
+    """Without any load, arcs through the nodes of two meshes overlap by 1e-8 of the radius: no mesh need be finer."""
+
+    def ring(name: str, radii: tuple[float, float], number: int, **more) -> dict:
+        shape = {"shape": "annulus", "center": [0.0, 0.0], "radii": list(radii)}
+        mesh = shape | {"angles": [0.0, 360.0], "divisions": [number, 6], "order": order}
+        return {"name": name, "mesh": mesh, "material": {"young": 2.1e11, "poisson": 0.3}, **more}
+
+    shaft = ring("shaft", (4.0, 10.0), around[0])
+    bush = ring("bush", (10.0, 20.0), around[1], clamp=["outer"])
+    answer = certified(
+        {
+            "body": [shaft, bush],
+            "contact": [{"bodies": ["shaft", "bush"], "on": ["outer", "inner"]}],
+        }
+    )
+    (contact,) = answer.contacts.values()
+    assert 0.0 < contact.deepest < 1e-6
+    assert not any("overlap" in warning for warning in answer.summary["warnings"])

@@ -3251,6 +3251,13 @@ MUTANTS = [
             "methods/test_newton.py::test_no_friction_is_to_blame_for_slender_bodies",
         ),
         (
+            "arcs through nodes overlap",
+            "judge/plausible",
+            "(1.0 + SAME) * arcs)",
+            "0.0 * arcs)",
+            "judge/test_plausible.py::test_a_shaft_in_a_bush_of_its_radius_overlaps_by_nothing",
+        ),
+        (
             "a finer mesh is advised where many nodes bear",
             "judge/diagnosis",
             "0 < closed < FEW",
