@@ -189,7 +189,7 @@ CHECKS = {
         {"method.target_error": 0.1},
         warned=(
             "contact.root-disc: the largest pressure … is at a sharp corner of root in contact at (12, 4)",
-            "body.root: the largest von Mises stress … is at a sharp corner of root in contact at (12, 4)",
+            "body.root: the largest von Mises stress … where it grows without limit",
         ),
     ),
     "wedge_in_slot": Check(
@@ -197,7 +197,7 @@ CHECKS = {
         1e-4,
         {"method.target_error": 0.1},
         warned=(
-            "contact.left: the largest pressure … is at a sharp corner of wedge in contact at (-5, 0)",
+            "the largest pressure … is at a sharp corner of wedge in contact … 2 such warnings",
             "body.wedge: the largest von Mises stress … is at a sharp corner of wedge in contact at (-5, 0)",
         ),
     ),
