@@ -104,11 +104,19 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
     components = np.array([as_float(component) for component in value])
     size = float(np.linalg.norm(components))
     if row.quantity == "force":  # of a fit pressures are in balance by themselves, but for rounding
-        size = max([size, *(as_float(one["normal_force"]) for one in summary["contacts"].values())])
+        own = _contacts_of(summary, table, name)
+        size = max([size, *(as_float(summary["contacts"][one]["normal_force"]) for one in own)])
     components[np.abs(components) < PRECISION * size] = 0.0
     return (
         f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
     )
+
+
+def _contacts_of(summary: Mapping[str, Any], table: str, name: str) -> list[str]:
+    """The contact itself, or the contacts of a body or a rigid partner: those of others may bear far more."""
+    if table == "contacts":
+        return [name]
+    return [contact["name"] for contact in summary["scene"]["contact"] if name in contact["bodies"]]
 
 
 def where(entry: Mapping[str, Any], key: str) -> str:

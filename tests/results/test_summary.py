@@ -260,3 +260,25 @@ def test_forces_that_rounding_leaves_are_told_as_zero():
     assert tell(summary, "contacts", "fit", "force") == "force (0, 0) N/m"
     contact["force"] = [-3.0, 5.6e-13]
     assert tell(summary, "contacts", "fit", "force") == "force (-3, 0) N/m"
+
+
+def test_a_light_body_beside_a_heavy_one_has_its_own_force():
+    """Of 1 N beside 1e9 N no digit is rounding; the log said zero beside two closed nodes and 3.5 Pa."""
+    summary = {
+        "contacts": {
+            "heavy-table": {"force": [2.0, 1e9], "normal_force": 1e9},
+            "light-floor": {"force": [1e-12, 1.0], "normal_force": 1.0},
+        },
+        "bodies": {"table": {"reaction": [2.0, 1e9]}, "floor": {"reaction": [1e-12, 1.0]}},
+        "scene": {
+            "contact": [
+                {"name": "heavy-table", "bodies": ["heavy", "table"]},
+                {"name": "light-floor", "bodies": ["light", "floor"]},
+            ]
+        },
+        "units": {"force": "N/m"},
+    }
+    assert tell(summary, "contacts", "light-floor", "force") == "force (0, 1) N/m"
+    assert tell(summary, "bodies", "floor", "reaction") == "reaction (0, 1) N/m"
+    assert tell(summary, "contacts", "heavy-table", "force") == "force (0, 1e+09) N/m"
+    assert tell(summary, "bodies", "table", "reaction") == "reaction (0, 1e+09) N/m"

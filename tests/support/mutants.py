@@ -2716,6 +2716,13 @@ MUTANTS = [
         ),
         # results
         (
+            "rounding of a force is that of all contacts",
+            "results/summary",
+            "if name in contact['bodies']",
+            "if contact['bodies']",
+            "results/test_summary.py::test_a_light_body_beside_a_heavy_one_has_its_own_force",
+        ),
+        (
             "n_A of the first body only",
             "results/summary",
             "entries.values()",
