@@ -122,7 +122,7 @@ class Newton(Outer):
                 Newton(Model(joint), MODEL_STEPS, preconditioner=self._preconditioner),
             )
             self._modelled, model.inner_steps = Modelled(joint, model), self.inner_steps
-        self._least_size = self.nothing = 0.0
+        self._wanted = self._least_size = self.nothing = 0.0
         self.direct = Direct(joint, self._preconditioner)
         self.begin()
 
@@ -159,7 +159,8 @@ class Newton(Outer):
         wanted = NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e))
         touching = self.space.any(np.ones(joint.size))
         loads = (NO_FORCE if touching else 1.0) * joint.load
-        self._least_size = max(self._least_size, wanted, loads)
+        self._wanted = max(self._wanted, wanted)
+        self._least_size = max(self._wanted, loads)  # a load may be small after a large one
         # from guessed active sets (_start) the iteration cannot end; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
         self._stalled, self._smallest, self._springs = 0, np.inf, 1.0
@@ -567,14 +568,15 @@ class Newton(Outer):
 
     def state(self) -> dict[str, Any]:
         return self._at._asdict() | {
-            "least": self._least_size,
+            "least": (self._wanted, self._least_size),
             "inner_steps": dict(self.inner_steps),
             "long": self.direct.long,
             "history": tuple(self.history),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._at, self._least_size = Point(*(state[name] for name in Point._fields)), state["least"]
+        self._at = Point(*(state[name] for name in Point._fields))
+        self._wanted, self._least_size = state["least"]
         self.direct.long = state["long"]
         self.inner_steps.update(state["inner_steps"])  # in which the model counts, too
         self.history = [Step(*row) for row in state["history"]]

@@ -159,7 +159,8 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
     coarse = coarse and (scene.dimension, scene.body[0].mesh.order) == (3, 1)
     passing, past, own = _passing(assembly, forces), {}, {}
     for (name, numbers, F), (moves, leaning) in zip(forces, passing, strict=True):
-        D = (moves[0] - moves[1]).reshape(-1, len(numbers))
+        m, d, c = moves[0].shape
+        D = (moves[0] - moves[1]).reshape(m * d, c)
         own_rows = F.copy()
         own_rows[: len(leaning)] += leaning
         past[name] = len(D), numbers, D.T @ D

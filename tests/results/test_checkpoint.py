@@ -25,7 +25,7 @@ from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.methods.newton import Newton
 from ddmpi.results import checkpoint
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
-from ddmpi.run.solve import solve
+from ddmpi.run.solve import Iteration, solve
 from ddmpi.scene.reader import read_scene
 from ddmpi.system import interrupt
 from ddmpi.system.clock import Clock
@@ -379,8 +379,16 @@ def test_results_that_cannot_be_written_leave_a_checkpoint(
 @two_ranks
 def test_motions_that_loads_drive_stay_released(comm, shared, monkeypatch):
     """Going on from the end takes no iteration, also where the run held motions at first."""
-    monkeypatch.setattr(ddmpi.run.held, "RESISTED", 1e-9)
-    monkeypatch.setattr(ddmpi.run.held, "WORST", 0.0)
+    judge, left = ddmpi.run.solve.judge_held, Iteration._left_along_held
+
+    def as_if_driven(self, stopped):
+        """Until it is released, the turn counts as one that coarse elements let hold and loads drive."""
+        monkeypatch.setattr(
+            ddmpi.run.solve, "judge_held", judge if self.released else lambda *_: ([], None, True)
+        )
+        return left(self, stopped)
+
+    monkeypatch.setattr(Iteration, "_left_along_held", as_if_driven)
     rings = [("shaft", [0.0, -0.05], [4.0, 10.0], 40), ("bush", [0.0, 0.0], [10.05, 20.0], 46)]
     shaft, bush = (
         {

@@ -2182,8 +2182,8 @@ MUTANTS = [
         (
             "loads without a resultant are none",
             "methods/newton",
-            "max(self._least_size, wanted, loads)",
-            "max(self._least_size, wanted)",
+            "max(self._wanted, loads)",
+            "self._wanted",
             "scenes/test_without_contacts.py::test_loads_that_balance_each_other_need_no_force",
         ),
         (
