@@ -257,7 +257,8 @@ def test_a_signal_after_the_results_comes_too_late(here, tmp_path, monkeypatch):
         "--output",
         str(tmp_path / "out"),
     )
-    assert (run.code, run.own_stderr, run.files) == (0, "", FILES)
+    said = scenes.beside_clamps(run.own_stderr.splitlines())
+    assert (run.code, said, run.files) == (0, [], FILES)
 
 
 def test_what_has_nothing_to_save_is_ended_by_a_signal(tmp_path, monkeypatch):
