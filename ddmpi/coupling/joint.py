@@ -94,7 +94,8 @@ class Joint:
     stays : the motions that stay as they are
     slices : of the motions by body, empty for supported ones, and by driven partner
     e, K : the loads along the motions (rigid.size,) in newtons, and by how much they resist these (N/m), sparse
-    load : largest `Member.load` of the loose bodies (N), also where it has no resultant
+    load : largest sum of the absolute nodal loads of a loose body (N), also where they have no resultant; of loads
+        with several histories the sum of these
     neglected : forces (N) that are negligible in products whose result is kept
     steering : relative precision of products in GMRES, over the factor by which GMRES must still reduce its residual
     dear : whether a body's products are by an iterative solver
@@ -131,8 +132,9 @@ class Joint:
         )
         self.bodies = len(self.slices) - len(self.driven)
         loose = [member for member in members if len(member.G)]
-        loads = self.of_all([np.array([member.load]) for member in loose])
-        self.load = float(loads.max(initial=0.0))
+        loads = [max((each.load_of(name) for each in loose), default=0.0) for name in histories]
+        self._loads = np.array(loads)
+        exchange.world.Allreduce(MPI.IN_PLACE, self._loads, MPI.MAX)
         self.stays = Stays(self.rigid.size)
         # a driven partner is a body without compliance; its rows of G s = e balance contact forces, force and moment
         self._none = sparse.csr_matrix((self.rigid.size,) * 2)
@@ -195,6 +197,8 @@ class Joint:
         self.d = self.d - self.space.gap
         self.e = np.where(self.stays.bolts, 0.0, self.e)
         self.K = sum((factors[name] * value for name, value in self._resisting.items()), self._none)
+        present = np.array([factors[name] for name in self._moved])
+        self.load = float(np.abs(present) @ self._loads)
 
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
         """C x (size,) as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""

@@ -94,6 +94,11 @@ class Member(Sides):
         """Sum of the absolute nodal loads (N), as of an `Elasticity`."""
         return self._elasticity.load
 
+    def load_of(self, history: str | None) -> float:
+        """Sum of the absolute nodal loads (N) with this history, at its factor 1. Not collective."""
+        case = self._elasticity.cases.get(history)
+        return case.size if case else 0.0
+
     def act(self, factors: Mapping[str | None, float]) -> None:
         """Set loads and prescribed displacements to these `factors` by history. Not collective."""
         self._acting = factors  # `elasticity` sums the loads on all nodes when it is asked for

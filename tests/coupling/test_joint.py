@@ -89,3 +89,23 @@ def test_the_first_guess_closes_what_a_load_brings_to_touch():
     x = scenes.the_interface(assembly).xy[:, 0]
     assert x.min() == 0.0 and 0.5 < reach < 3.5
     assert (closed == (x < reach)).all() and not falls.any()
+
+
+def test_the_load_of_loose_bodies_is_the_present_one():
+    """The sum of all nodal loads, which need no resultant, of histories added up without their signs."""
+    block = scenes.rectangle("block", (0.0, 0.0), (4.0, 1.0), (8, 2))
+    block["traction"] = [
+        {"on": "left", "pressure": 3e5},
+        {"on": "right", "pressure": 3e5},
+        {"on": "top", "pressure": 2e5, "history": "way"},
+        {"on": "bottom", "pressure": 2e5, "history": "way"},
+    ]
+    scene = {
+        "body": [block],
+        "history": {"way": {"times": [0.0, 1.0], "factors": [0.0, -0.5]}},
+        "time": {"points": [1.0], "steps": 1},
+    }
+    operator = scenes.prepare_scene(MPI.COMM_SELF, scene).joint
+    for factor, way in ((1.0, 1.0), (0.25, -0.5), (1e-9, 0.0)):
+        operator.act({None: factor, "way": way})
+        assert operator.load == pytest.approx(factor * 6e5 + abs(way) * 16e5)

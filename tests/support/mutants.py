@@ -946,6 +946,13 @@ MUTANTS = [
             "mesh/test_shapes.py::test_folded_triangle_is_refused",
         ),
         (
+            "loads that balance are those of the largest factors",
+            "coupling/joint",
+            "float(np.abs(present) @ self._loads)",
+            "float(self._loads.sum())",
+            "coupling/test_joint.py::test_the_load_of_loose_bodies_is_the_present_one",
+        ),
+        (
             "the first guess closes touching nodes alone",
             "coupling/joint",
             "space.gap[entries][:interface.m] <= approach",
