@@ -184,7 +184,10 @@ class Drawing:
         return self.draw()
 
     def __getstate__(self) -> dict[str, object]:
-        return vars(self) | {"draw": partial(copy, self.outline)}  # without what it is made of
+        drawn = (
+            {"draw": partial(copy, self.outline)} if self.draw else {}
+        )  # without what it is made of
+        return vars(self) | drawn
 
 
 @dataclass(frozen=True)
