@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Collection, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse as sparse
@@ -270,9 +271,10 @@ class Joint:
             > 0.0
         )
 
+    @cached_property
     def rigid_moduli(self) -> np.ndarray:
         """`Member.stiffness` (rigid.size,) of each rigid motion's body, for a driven partner of its stiffest body
-        (N/m²; in space N/m), times the ratio of the softest foundation to its body, if below 1."""
+        (N/m²; in space N/m), times the ratio of the softest foundation to its body, if below 1. Collective at first."""
         world = self.exchange.world
         # springs that steer rigid motions must be soft beside foundations, which resist the same motions
         soft = [
@@ -314,7 +316,7 @@ class Joint:
         """
         space = self.space
         # a load on a point of a body of modulus E* moves it by about load / E* (in space: and over its size)
-        moduli = self.rigid_moduli() if self.rigid.size else self.e
+        moduli = self.rigid_moduli if self.rigid.size else self.e
         yields = np.divide(np.abs(self.e), moduli, out=np.zeros_like(moduli), where=moduli > 0.0)
         touches = []
         for interface, entries in space.with_slices():

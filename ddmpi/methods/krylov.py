@@ -177,7 +177,7 @@ class Preconditioner:
 
     def __init__(self, joint: Joint, c: np.ndarray, in_space: bool) -> None:
         self._joint, self.c, self._in_space = joint, c, in_space
-        self.springs = HELD_LOOSELY * joint.rigid_moduli()
+        self.springs = HELD_LOOSELY * joint.rigid_moduli
         self.shared = np.where(joint.shared(), SHARED / c, 0.0)
         if not joint.far:  # now, so that a run that continues from a checkpoint does not count their products again
             for made in ("half_space", "coarse", "crossing"):

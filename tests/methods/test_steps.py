@@ -81,6 +81,7 @@ class Dense:
     def local(self) -> np.ndarray:
         return np.zeros(self.size)
 
+    @property
     def rigid_moduli(self) -> np.ndarray:
         return np.empty(0)
 
