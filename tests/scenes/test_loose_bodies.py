@@ -80,10 +80,9 @@ def test_a_disc_that_a_bore_does_not_keep_from_turning_stays_where_it_falls():
     }
     answer = solve([ring("disc")], [bore], [{"bodies": ["disc", "bore"], "on": ["outer"]}])
     assert answer.certified, answer.reason
-    assert (
-        answer.summary["displacement_max"] == pytest.approx(1e-3, rel=0.05)
-        and not answer.summary["warnings"]
-    )
+    assert answer.summary["displacement_max"] == pytest.approx(1e-3, rel=0.05)
+    (warning,) = answer.summary["warnings"]
+    assert "closed at a single node" in warning  # and no word on the motions that stay
 
 
 def test_a_body_that_nothing_touches_stays_where_it_is():
