@@ -25,7 +25,16 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.elements import ORDERS
 from ddmpi.pictures.script import our_digest
 from ddmpi.results.histories import at_step, evenly
-from ddmpi.results.summary import RESIDUALS, ROWS, count, drawn_times, held_in_words, largest, where
+from ddmpi.results.summary import (
+    RESIDUALS,
+    ROWS,
+    count,
+    drawn_times,
+    held_in_words,
+    largest,
+    loose_in_words,
+    where,
+)
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import method_of
 from ddmpi.scene.reader import write_toml
@@ -262,10 +271,7 @@ class RunReport:
                 [
                     *summary.get("warnings", ()),
                     *held_in_words(summary),
-                    *(
-                        f"{motion}; how far it has moved is not determined"
-                        for motion in summary.get("undetermined", ())
-                    ),
+                    *loose_in_words(summary),
                 ]
             ),
             "slurm": ", ".join(

@@ -97,7 +97,7 @@ def refuse_lost_numbers(path: Path, label: str) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             numbers, blocks = _numbers(path.read_bytes())
-    except (ValueError, IndexError, KeyError, Warning):
+    except (ValueError, TypeError, LookupError, Warning):  # TypeError: numbers of 0 bytes
         return
     there, count = np.unique(numbers, return_counts=True)
     if (count > 1).any():

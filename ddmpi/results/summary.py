@@ -155,6 +155,14 @@ def held_in_words(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def loose_in_words(summary: Mapping[str, Any]) -> list[str]:
+    """What is said of each of the motions that nothing determines: Newton's method takes the least, see
+    `ddmpi.run.least`."""
+    least = summary["outer"] == "newton" and summary["converged"]
+    where = "it lies where it moves least" if least else "how far it has moved is not determined"
+    return [f"{motion}; {where}" for motion in summary.get("undetermined", ())]
+
+
 def count(contacts: Iterable[Mapping[str, Any]]) -> str:
     """The nodes of some contacts by their status, in words: "3 open, 4 slip, 3 stick"."""
     contacts = list(contacts)

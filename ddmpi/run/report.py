@@ -11,7 +11,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.elements import CELLS
 from ddmpi.methods.outer import Step
-from ddmpi.results.summary import as_float, count, held_in_words, largest, tell
+from ddmpi.results.summary import as_float, count, held_in_words, largest, loose_in_words, tell
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
@@ -235,10 +235,7 @@ def log_end(summary: dict, solution: Solution) -> None:
                 f"unknowns ({summary['n']} now)"
             )
     lines += _some_motions(held_in_words(summary) if not solution.mechanism else [])
-    motions = summary["undetermined"]
-    lines += _some_motions(
-        [f"{motion}; how far it has moved is not determined" for motion in motions]
-    )
+    lines += _some_motions(loose_in_words(summary))
     for line in lines:
         log.info("%s", line)
 
@@ -308,7 +305,9 @@ def _between_nodes(summary: dict) -> Iterator[str]:
     _, turned = largest(unmatched, "moment_imbalance")
     bound = as_float(unmatched[turned]["moment_imbalance_bound"])
     told = []
-    if unmatched[deepest]["pointwise_penetration"]:
+    # less than the certificate allows at nodes is rounding
+    rounding = summary["certificate_limit"] * as_float(summary["displacement_max"])
+    if as_float(unmatched[deepest]["pointwise_penetration"]) > rounding:
         told += [(deepest, tell(summary, "contacts", deepest, "pointwise_penetration", 2))]
     if bound:
         imbalance = tell(summary, "contacts", turned, "moment_imbalance", 3)

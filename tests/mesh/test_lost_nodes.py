@@ -208,6 +208,13 @@ def test_numbers_that_no_integer_is_end_in_a_message(tmp_path, number):
     assert "a.msh" in read(path)
 
 
+@pytest.mark.parametrize("size", [0, 3, 16])
+def test_sizes_of_numbers_that_do_not_exist_end_in_a_message(tmp_path, size):
+    path = msh(tmp_path / "a.msh", CELLS + 1, LINES + 1, version="4.1", binary=True)
+    path.write_bytes(path.read_bytes().replace(b"4.1 1 8", b"4.1 1 %d" % size))
+    assert "a.msh" in read(path)
+
+
 FAR = np.array([[0.0, 0.0, 1e13]])
 
 

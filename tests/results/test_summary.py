@@ -9,7 +9,7 @@ from documented import SUMMARY, entries
 
 from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
-from ddmpi.results.summary import ROWS, summarize, tell, units, write_summary
+from ddmpi.results.summary import ROWS, loose_in_words, summarize, tell, units, write_summary
 from ddmpi.results.tables import leg_values, read_results
 from ddmpi.run.gather import StepLog
 from ddmpi.system.provenance import provenance
@@ -283,3 +283,17 @@ def test_a_light_body_beside_a_heavy_one_has_its_own_force():
     assert tell(summary, "bodies", "floor", "reaction") == "reaction (0, 1) N/m"
     assert tell(summary, "contacts", "heavy-table", "force") == "force (0, 1e+09) N/m"
     assert tell(summary, "bodies", "table", "reaction") == "reaction (0, 1e+09) N/m"
+
+
+@pytest.mark.parametrize(
+    ("outer", "converged", "where"),
+    [
+        ("newton", True, "it lies where it moves least"),
+        ("newton", False, "how far it has moved is not determined"),
+        ("published", True, "how far it has moved is not determined"),
+    ],
+)
+def test_where_a_body_lies_that_nothing_holds(outer, converged, where):
+    """Newton's method moves it least, the paper's does not choose."""
+    summary = {"outer": outer, "converged": converged, "undetermined": ["lid can move along y"]}
+    assert loose_in_words(summary) == [f"lid can move along y; {where}"]

@@ -36,6 +36,8 @@ def test_what_lies_between_nodes_is_said_of_the_worst_contacts():
         return list(
             _between_nodes(
                 {
+                    "certificate_limit": 5e-7,
+                    "displacement_max": 1.0,
                     "units": {
                         "length": "mm",
                         "stress": "MPa",
@@ -51,6 +53,7 @@ def test_what_lies_between_nodes_is_said_of_the_worst_contacts():
         )
 
     assert not said(ab=(None, 1.0, 9.0, 9.0))
+    assert not said(ab=("b", 4e-7, 0.0, 0.0))  # what the certificate allows at nodes
     assert said(ab=(None, 1.0, 9.0, 9.0), bc=("b", 2e-3, 0.5, 4.0), cd=("d", 1e-3, 0.75, 3.0)) == [
         "non-matching meshes at bc: penetration between nodes up to 0.002 mm",
         "non-matching meshes at cd: moment imbalance 0.75 N·mm/mm (bound 3)",
