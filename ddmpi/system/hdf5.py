@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import resource
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -20,6 +21,9 @@ from ddmpi.system.interrupt import apart
 INFLATED = 1100
 """More bytes of arrays for one of the file, beyond the most that its compression can save, are no data."""
 
+SECONDS, RATE = 10, 1_000_000
+"""Processor time (s) that a file may take, and bytes a second beyond it: libhdf5 may go round in circles."""
+
 
 def read_apart(path: Path, work: Callable[..., Any], label: str, *more: Any) -> Any:
     """What `work` of a module makes of a file, and of `more`, in another process; 0.2 s. Not collective.
@@ -30,10 +34,14 @@ def read_apart(path: Path, work: Callable[..., Any], label: str, *more: Any) -> 
     try:
         if path.exists() and not path.is_file():
             raise InputError("it is no file")
+        seconds = SECONDS + (path.stat().st_size // RATE if path.exists() else 0)
         with tempfile.TemporaryDirectory() as folder:
-            return apart(Path(folder).resolve(), _checked, path.resolve(), work, *more)
+            return apart(Path(folder).resolve(), _checked, path.resolve(), seconds, work, *more)
     except ChildProcessError as error:
-        raise InputError(f"{label}reading it ends the process ({error})") from None
+        end = f"ends the process ({error})"
+        if "SIGXCPU" in end:
+            end = f"takes more than {seconds} s of processor time"
+        raise InputError(f"{label}reading it {end}") from None
     except InputError as error:
         raise InputError(f"{label}{error}") from None
 
@@ -53,11 +61,12 @@ def _walk(path: Path) -> None:
         tree(file)
 
 
-def _checked(path: Path, work: Callable[..., Any], *more: Any) -> Any:
-    """What `work` makes of a file, unless the arrays of this would fill the memory, or lie in other files: a folder of
-    results would hand these on. Raises InputError, and what `work` raises."""
+def _checked(path: Path, seconds: int, work: Callable[..., Any], *more: Any) -> Any:
+    """What `work` makes of a file in so many `seconds` of processor time, unless the arrays of this would fill the memory,
+    or lie in other files: a folder of results would hand these on. Raises InputError, and what `work` raises."""
     import h5py
 
+    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # first SIGXCPU, then SIGKILL
     try:
         file = h5py.File(path, "r")
     except OSError:

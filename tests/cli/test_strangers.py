@@ -8,6 +8,7 @@ from pathlib import Path
 
 import h5py
 import made_up
+import numpy as np
 import pytest
 import scenes
 from crash import crash
@@ -127,6 +128,20 @@ def test_a_crash_of_hdf5_is_a_message(folder, tmp_path, monkeypatch):
     monkeypatch.setattr(checkpoint, "read_tree", crash)
     with pytest.raises(InputError, match=r"reading it ends the process \(signal SIGSEGV"):
         checkpoint.read(tmp_path / "checkpoint.h5")
+
+
+def test_a_file_that_leads_hdf5_round_in_circles_is_a_message(folder, monkeypatch):
+    """A node of a tree of names that is its own neighbour: libhdf5 goes on to it forever."""
+    with h5py.File(folder / "result.h5", "w", libver="earliest") as file:
+        for k in range(40):
+            file[f"field {k}"] = np.zeros(3)
+    content = bytearray((folder / "result.h5").read_bytes())
+    node = content.index(b"TREE")
+    content[node + 8 : node + 24] = 2 * node.to_bytes(8, "little")
+    (folder / "result.h5").write_bytes(content)
+    monkeypatch.setattr(hdf5, "SECONDS", 1)
+    with pytest.raises(InputError, match="reading it takes more than 1 s of processor time"):
+        hdf5.probe(folder / "result.h5")
 
 
 def test_a_small_file_stands_for_no_large_array(folder):
