@@ -386,3 +386,19 @@ def test_a_released_motion_stays_released_after_a_restart(tmp_path, monkeypatch)
     monkeypatch.setattr(Iteration, "release", lambda self: released.append(release(self)))
     go_on_from_checkpoints(scene, tmp_path, slice(-2, None))
     assert len(released) == 3
+
+
+def test_a_shaft_that_its_bush_carries_far_does_not_turn():
+    """It goes with the bush to where it lay in it, as its frame has moved by other motions than that which is held."""
+    scene = shaft((40, 46), [0.0, -3.79], 1)
+    scene["body"][1]["motion"] = [{"shift": [3.0, 4.0], "history": "carry"}]
+    scene["history"] = {"carry": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.0, 1.0]}}
+    scene["time"] = {"motions": "far", "points": [1.0, 2.0], "steps": 4}
+    answer = certified(scene)
+    (held,) = answer.summary["held_motions"]
+    assert held["motion"].startswith("shaft can turn counterclockwise")
+    frame = answer.solved.assembly.frames["shaft"]
+    place = frame.at(np.array([0.0, -0.05]))
+    assert place == pytest.approx([3.0, 4.0 - 0.05], abs=0.02)  # within what the contact yields
+    assert frame.at(np.array([10.0, -0.05])) - place == pytest.approx([10.0, 0.0], abs=1e-6)
+    assert answer.summary["contacts"]["shaft-bush"]["force"][1] == pytest.approx(1000.0, rel=0.01)
