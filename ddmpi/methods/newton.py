@@ -25,7 +25,13 @@ import numpy as np
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.methods.dense import LONG, Direct
 from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
-from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, forcing
+from ddmpi.methods.krylov import (
+    Linearised,
+    LinearProblem,
+    Preconditioner,
+    Regularisation,
+    forcing,
+)
 from ddmpi.methods.linear import Linearisation
 from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, InteriorPoints, Path, Softening
@@ -377,19 +383,25 @@ class Newton(Outer):
         self._settled = True
 
     @property
-    def _forcing(self) -> float:
-        return (
-            self._path.forcing
+    def _by(self) -> Regularisation:
+        """How the linear problem of the next step is steered, and how precisely it is solved."""
+        by = (
+            self._path.by
             if self._path
-            else forcing([step.residual for step in self.history], self._in_space)
+            else Regularisation(
+                forcing=forcing([step.residual for step in self.history], self._in_space)
+            )
         )
+        if self._trying or not self._path:  # Newton's own steps
+            by = by._replace(springs=min(by.springs, self._springs))
+        return by
 
     def _note(self, residual: float, update: float, stage: str = "") -> None:
         step = Step(
             len(self.history) + 1,
             update,
             residual,
-            self._forcing,
+            self._by.forcing,
             self.joint.multiplications(),
             stage,
         )
@@ -477,25 +489,11 @@ class Newton(Outer):
         if (self._path and rigid.size) or space.any(
             np.ones(linearised.number)
         ):  # springs let free bodies move
-            springs = self._path.springs if self._path else 1.0
-            if self._trying or not self._path:  # Newton's own steps
-                springs = min(springs, self._springs)
-            steered = self._path.steered if self._path else 1.0
-            direct = self.direct.direction(
-                point, linearised, change, wanted, layer, springs, steered, not self._path
-            )
+            by = self._by
+            direct = self.direct.direction(point, linearised, change, wanted, layer, by)
             if direct is not None:
                 return direct
-            problem = LinearProblem(
-                joint,
-                self._preconditioner,
-                linearised,
-                layer,
-                springs,
-                steered,
-                self._forcing,
-                precise=self._path is not None,
-            )
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer, by)
             if (
                 rigid.size
             ):  # forces that balance the loads with the least energy of half-spaces; then h = 0

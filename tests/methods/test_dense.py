@@ -6,7 +6,7 @@ from mpi4py import MPI
 from scenes import COULOMB, FLOOR, certified, pinched_blocks, prepare_scene, rectangle
 from solid_scenes import HELD, box
 
-from ddmpi.methods.krylov import Linearised
+from ddmpi.methods.krylov import Linearised, Regularisation
 from ddmpi.methods.newton import Newton
 
 
@@ -55,7 +55,7 @@ def test_a_direct_direction_solves_its_equations(scene):
     )
     layer = rng.uniform(0.0, 1.0, joint.size) / newton._c
     move, wanted = linearised.move(point.s), rng.standard_normal(joint.size) * np.abs(joint.d).max()
-    asked = point, linearised, move, wanted, layer, 1.0, 1.0, True
+    asked = point, linearised, move, wanted, layer, Regularisation()
     assert newton.direct.direction(*asked) is None  # GMRES is cheap here
     newton.direct.steps, before = True, joint.multiplications()
     change = newton.direct.direction(*asked)

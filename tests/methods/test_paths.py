@@ -15,6 +15,7 @@ import ddmpi
 from ddmpi.coupling.assembly import prepare
 from ddmpi.coupling.joint import Point
 from ddmpi.methods import newton
+from ddmpi.methods.krylov import Regularisation
 from ddmpi.methods.paths import InteriorPoints, Softening
 from ddmpi.run.solve import solve
 from ddmpi.scene.reader import read_scene
@@ -443,11 +444,10 @@ def force(scene: dict) -> tuple[list[float], list[str]]:
 class Stuck:
     """A path that ends in the air, `way` up from where the bodies have been."""
 
-    kind, stage, held, forcing, ready, failed, way = (
+    kind, stage, by, ready, failed, way = (
         "softening",
         "stuck",
-        1.0,
-        1e-4,
+        Regularisation(precise=True),
         False,
         True,
         0.0,

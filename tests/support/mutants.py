@@ -3479,8 +3479,8 @@ MUTANTS = [
         (
             "what steers a direct direction biases it",
             "methods/dense",
-            "unknowns += dgetrs",
-            "dgetrs",
+            "unknowns += factors.solve",
+            "factors.solve",
             f"{DENSE}::test_a_direct_direction_solves_its_equations",
         ),
         (
