@@ -6,11 +6,13 @@ ten iterations of GMRES, and between slender bodies GMRES takes a hundred.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ddmpi.coupling.joint import Joint, Point
-from ddmpi.methods.krylov import Linearised, Preconditioner
+from ddmpi.methods.krylov import Linearised, Preconditioner, Regularisation
 
 SMALL, SMALLER, LONG = 500, 330, 40
 """Most unknown forces for dense factors: SMALL once GMRES has taken more than LONG iterations; SMALLER in load steps,
@@ -40,27 +42,14 @@ class Direct:
         change: np.ndarray,
         wanted: np.ndarray,
         layer: np.ndarray,
-        springs: float,
-        steered: float,
-        refine: bool,
+        by: Regularisation,
     ) -> Point | None:
         """As `Newton.direction`; None where GMRES is cheaper, the compliance not explicit, or the matrix singular.
 
-        Its two products with C count as multiplications. Its factors do not, as they need no product.
-
-        Parameters
-        ----------
-        springs, steered : factors on what steers, as for `LinearProblem`
-        refine : whether one step of refinement removes what steers
-
-        Collective. Raises SolverError.
+        Its two products with C count as multiplications. Its factors do not, as they need no product. Collective.
+        Raises SolverError.
         """
-        joint, rigid, steering, k = (
-            self._joint,
-            self._joint.rigid,
-            self._preconditioner,
-            linearised.number,
-        )
+        joint, rigid, k = self._joint, self._joint.rigid, linearised.number
         if not 0 < k <= (SMALLER if self.steps else SMALL if self.long else 0):
             return None
         if self._C is None:
@@ -69,20 +58,18 @@ class Direct:
         if not self._C.size:  # as on several ranks, of which one may have no unknowns
             return None
         C_change = joint.product(change, "newton")
-        right = (
+        right = np.append(
             linearised.restrict(wanted - point.r - C_change),
             joint.imbalance(point.s + change, point.alpha),
         )
-        softly = steered * steering.shared[linearised.unknown], springs * steering.springs
-        K = matrix(self._C, linearised, joint, layer[linearised.unknown] + softly[0], softly[1])
-        factors, pivots, singular = dgetrf(K)
-        if singular:
+        factors = factor(self._C, joint, self._preconditioner, linearised, layer, by)
+        if factors is None:
             return None
-        unknowns = dgetrs(factors, pivots, np.concatenate(right))[0]
+        unknowns = factors.solve(right)
         # one step of iterative refinement removes rounding, which is all that is left of forces in an unloaded step,
-        # and what steers
-        steers = np.concatenate(softly) * unknowns if refine else 0.0
-        unknowns += dgetrs(factors, pivots, np.concatenate(right) - K @ unknowns + steers)[0]
+        # and what steers, which paths keep
+        steers = 0.0 if by.precise else factors.steering * unknowns
+        unknowns += factors.solve(right - factors.matrix @ unknowns + steers)
         if not np.isfinite(unknowns).all():
             return None
         dy, alpha = linearised.expand(unknowns[:k]), joint.stays.moving(unknowns[k:])
@@ -91,7 +78,42 @@ class Direct:
         return Point(change, C_change - rigid.spread(alpha), alpha, left)
 
 
-def matrix(
+class Factors(NamedTuple):
+    """Dense factors of the linear problem, by k unknown forces and j rigid motions.
+
+    Attributes
+    ----------
+    matrix : (k + j, k + j)
+    steering : (k + j,) the part of its diagonal that only steers
+    lu, pivots : as of LAPACK's dgetrf
+    """
+
+    matrix: np.ndarray
+    steering: np.ndarray
+    lu: np.ndarray
+    pivots: np.ndarray
+
+    def solve(self, right: np.ndarray, transposed: bool = False) -> np.ndarray:
+        """The unknowns (k + j,) for a right-hand side (k + j,)."""
+        return dgetrs(self.lu, self.pivots, right, trans=int(transposed))[0]
+
+
+def factor(
+    C: np.ndarray,
+    joint: Joint,
+    preconditioner: Preconditioner,
+    linearised: Linearised,
+    layer: np.ndarray,
+    by: Regularisation,
+) -> Factors | None:
+    """Factors of the matrix of a `LinearProblem`, with C (size, size) explicit; None if it is singular. Not collective."""
+    shared, springs = by.softly(preconditioner, linearised)
+    K = _matrix(C, linearised, joint, layer[linearised.unknown] + shared, springs)
+    lu, pivots, singular = dgetrf(K)
+    return None if singular else Factors(K, np.append(shared, springs), lu, pivots)
+
+
+def _matrix(
     C: np.ndarray, linearised: Linearised, joint: Joint, D: np.ndarray, springs: np.ndarray
 ) -> np.ndarray:
     """[Iᵀ C E + D, −Iᵀ Z; Zᵀ E, K + springs], of k unknown forces and j rigid motions. Not collective.

@@ -21,6 +21,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -233,6 +234,31 @@ class Preconditioner:
         return self._joint.cross_points() if self._in_space else None
 
 
+class Regularisation(NamedTuple):
+    """How a linear problem is steered, and how precisely it is solved.
+
+    Attributes
+    ----------
+    springs, shared : factors on the springs ε that steer rigid motions, and on the compliances that steer shared nodes
+    forcing : by which GMRES reduces the residual
+    precise : whether forces are solved for as precisely as displacements; those of slender bodies always are
+    exact : whether the compliances that steer shared nodes are in the preconditioner of GMRES only
+    """
+
+    springs: float = 1.0
+    shared: float = 1.0
+    forcing: float = FORCING
+    precise: bool = False
+    exact: bool = False
+
+    def softly(
+        self, preconditioner: Preconditioner, linearised: Linearised
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What steers the unknown forces (k,) in m/N, and the motions (rigid.size,) in N/m."""
+        shared = self.shared * preconditioner.shared[linearised.unknown]
+        return shared, self.springs * preconditioner.springs
+
+
 class LinearProblem:
     """The linear problem for one active set.
 
@@ -242,10 +268,7 @@ class LinearProblem:
     preconditioner : for all active sets
     linearised : the forces that the active set implies
     layer : (joint.size,) compliance D (m/N) of a layer, a barrier, or the springs across friction, in turned frames
-    springs, steered : factors on the springs ε that steer rigid motions, and on the compliances that steer shared nodes
-    forcing : by which GMRES reduces the residual
-    precise : whether forces are solved for as precisely as displacements; those of slender bodies always are
-    exact : whether the compliances that steer shared nodes are in the preconditioner only
+    by : what steers, and the precision
     transposed : whether the system is the transposed one, with I and E exchanged; its α has the opposite sign
     purpose : for which products are counted
 
@@ -258,17 +281,14 @@ class LinearProblem:
         preconditioner: Preconditioner,
         linearised: Linearised,
         layer: np.ndarray,
-        springs: float = 1.0,
-        steered: float = 1.0,
-        forcing: float = FORCING,
-        precise: bool = False,
-        exact: bool = False,
+        by: Regularisation,
         transposed: bool = False,
         purpose: str = "newton",
     ) -> None:
         self.joint, self.linearised, self._purpose = joint, linearised, purpose
-        self._D = (steered * preconditioner.shared + layer)[linearised.unknown]
-        self._layer = layer[linearised.unknown] if exact else self._D
+        shared, springs = by.softly(preconditioner, linearised)
+        self._D = shared + layer[linearised.unknown]
+        self._layer = layer[linearised.unknown] if by.exact else self._D
         # The transposed of Iᵀ C E is Eᵀ C I: the forces are I y, and rows are tested by E.
         self.expand, self.restrict = (
             (linearised.place, linearised.contract)
@@ -290,12 +310,11 @@ class LinearProblem:
         )
         self._weights = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)[linearised.unknown]
         self._rigid = joint.rigid.size
-        self._forcing, self._slender = forcing, np.inf if precise else SLENDER
+        self._forcing, self._slender = by.forcing, np.inf if by.precise else SLENDER
         self._coarse: CoarseSystem | None = None
         motions, diagonal = preconditioner.coarse
         if motions.size:
-            diagonal = diagonal.copy()
-            diagonal[: self._rigid] *= springs
+            diagonal = np.append(springs, diagonal[self._rigid :])
             basis, E = linearised.basis, linearised.expansion
             resists, more = sparse.diags(diagonal), len(diagonal) - self._rigid
             if joint.K.nnz:

@@ -17,14 +17,14 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgetrf, dgetrs
 
 from ddmpi.coupling.joint import Joint, Point
-from ddmpi.methods.dense import SMALL, matrix
-from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner
+from ddmpi.methods.dense import SMALL, Factors, factor
+from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, Regularisation
 from ddmpi.system.numbers import norm
 
 AIM, ROUNDS = 1e-10, 10
@@ -43,6 +43,9 @@ GAIN = 0.3
 
 PURPOSE = "derivative"
 """What products are counted for."""
+
+BY = Regularisation(precise=True, exact=True)
+"""How the linear problems are solved: what steers is in no equation."""
 
 
 Solve = Callable[[np.ndarray, np.ndarray, float], tuple[np.ndarray, np.ndarray]]
@@ -79,9 +82,6 @@ class Linearisation:
         self.active = joint.space.laws.active_sets(self._q)
         self.linearised = Linearised.of(joint.space.laws.linearise(self.active))
         self._layer = self.linearised.spring / c
-        self._factors: tuple | None = (
-            None  # until they are asked for; empty where the compliance is not explicit
-        )
         self._problems: dict[bool, LinearProblem] = {}
 
     def along_slip(self, bounds: Sequence[np.ndarray]) -> np.ndarray:
@@ -189,42 +189,19 @@ class Linearisation:
     def _approximate(self, transposed: bool) -> Solve:
         """A solver of the system with what steers: a function of f (k,), h (rigid.size,) and the size of the first f,
         which returns y and α. By dense factors where one rank has a small compliance, else by GMRES."""
-        joint, lin, steering = self.joint, self.linearised, self._preconditioner
-        if self._factors is None:
-            C = joint.dense(SMALL) if 0 < lin.number <= SMALL else None
-            self._factors = (
-                ()
-                if C is None
-                else dgetrf(
-                    matrix(
-                        C,
-                        lin,
-                        joint,
-                        (self._layer + steering.shared)[lin.unknown],
-                        steering.springs,
-                    )
-                )
-            )
-        if self._factors and not self._factors[2]:
-            lu, pivots, _ = self._factors
+        joint = self.joint
+        if factors := self._factors:
 
             def by_factors(f: np.ndarray, h: np.ndarray, _: float) -> tuple[np.ndarray, np.ndarray]:
                 # the transposed matrix has −Zᵀ I in its second row, and β = −α beside it
                 sign = -1.0 if transposed else 1.0
-                unknowns = dgetrs(lu, pivots, np.append(f, sign * h), trans=int(transposed))[0]
+                unknowns = factors.solve(np.append(f, sign * h), transposed)
                 return unknowns[: len(f)], sign * unknowns[len(f) :]
 
             return by_factors
         if transposed not in self._problems:
             self._problems[transposed] = LinearProblem(
-                joint,
-                steering,
-                lin,
-                self._layer,
-                precise=True,
-                exact=True,
-                transposed=transposed,
-                purpose=PURPOSE,
+                joint, self._preconditioner, self.linearised, self._layer, BY, transposed, PURPOSE
             )
         problem, least = self._problems[transposed], STEERED if joint.rigid.size else 0.1 * AIM
 
@@ -240,6 +217,14 @@ class Linearisation:
             return y + more, alpha + turn
 
         return by_gmres
+
+    @cached_property
+    def _factors(self) -> Factors | None:
+        """Dense factors; None where the compliance is not explicit, or they are singular. Collective."""
+        C = self.joint.dense(SMALL) if 0 < self.linearised.number <= SMALL else None
+        if C is None:
+            return None
+        return factor(C, self.joint, self._preconditioner, self.linearised, self._layer, BY)
 
     def until(self, changed: Changed, bounds: Sequence[np.ndarray]) -> tuple[float, float]:
         """By how much the parameter may fall (negative) and rise until a node changes its status, by linear forecast.

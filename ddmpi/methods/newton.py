@@ -25,7 +25,13 @@ import numpy as np
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.methods.dense import LONG, Direct
 from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
-from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, forcing
+from ddmpi.methods.krylov import (
+    Linearised,
+    LinearProblem,
+    Preconditioner,
+    Regularisation,
+    forcing,
+)
 from ddmpi.methods.linear import Linearisation
 from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, InteriorPoints, Path, Softening
@@ -62,10 +68,6 @@ NEGLECTED = 0.01
 NO_FORCE = 1e-6
 """Forces are compared with at least this fraction of those that would close the free gaps of half-planes, and of the
 loads on a loose body, whose resultant e may be rounding. Without any contact they are compared with these loads."""
-
-SOFTER, SOFTEST, NEARLY = 1e-3, 1e-6, 1e-3
-"""The springs that steer rigid motions get softer by SOFTER, down to SOFTEST, where a step leaves most of an imbalance
-below NEARLY of the loads: friction that turns may resist a motion less than the springs do."""
 
 
 class Newton(Outer):
@@ -163,7 +165,7 @@ class Newton(Outer):
         self._least_size = max(self._wanted, loads)  # a load may be small after a large one
         # from guessed active sets (_start) the iteration cannot end; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
-        self._stalled, self._smallest, self._springs = 0, np.inf, 1.0
+        self._stalled, self._smallest = 0, np.inf
         self._asked = False
         self.history: list[Step] = []
 
@@ -295,7 +297,7 @@ class Newton(Outer):
         assert self._misfit is not None
         residual = self._relative(self._misfit)
         self._count_gains(residual)
-        before, imbalance = self._at.s, norm(self._at.left)
+        before = self._at.s
         self.joint.neglected = NEGLECTED * tolerance * self._size()
         if self._stalled >= PATIENCE and not self._path:  # active sets cycle
             self._next_path()
@@ -305,7 +307,6 @@ class Newton(Outer):
             self._misfit = self._follow(path) if path else self._newton_step(self._misfit)
         self._start = False
         after, size = self._relative(self._misfit), self._size()
-        self._soften_springs(imbalance, tolerance * size)
         update = self.space.norm(self._at.s - before) / size if size else 0.0
         if not update:
             self._stalled = PATIENCE  # the next step would be the same
@@ -340,13 +341,6 @@ class Newton(Outer):
         self._path.go_on()
         self._misfit = self._misfits([self._at])[0]
 
-    def _soften_springs(self, imbalance: float, negligible: float) -> None:
-        """Soften the springs that steer rigid motions where they are stiffer than friction that turns, so that the
-        `imbalance` (N) of the iterate before is left."""
-        left = norm(self._at.left)
-        if max(negligible, PROGRESS * imbalance) < left < NEARLY * norm(self.joint.e):
-            self._springs = max(SOFTER * self._springs, SOFTEST)
-
     @property
     def _takes_full_steps(self) -> bool:
         """Whether steps are full even if they gain nothing."""
@@ -377,11 +371,12 @@ class Newton(Outer):
         self._settled = True
 
     @property
-    def _forcing(self) -> float:
-        return (
-            self._path.forcing
-            if self._path
-            else forcing([step.residual for step in self.history], self._in_space)
+    def _by(self) -> Regularisation:
+        """How the linear problem of the next step is steered, and how precisely it is solved."""
+        if self._path:
+            return self._path.by
+        return Regularisation(
+            forcing=forcing([step.residual for step in self.history], self._in_space)
         )
 
     def _note(self, residual: float, update: float, stage: str = "") -> None:
@@ -389,7 +384,7 @@ class Newton(Outer):
             len(self.history) + 1,
             update,
             residual,
-            self._forcing,
+            self._by.forcing,
             self.joint.multiplications(),
             stage,
         )
@@ -477,25 +472,11 @@ class Newton(Outer):
         if (self._path and rigid.size) or space.any(
             np.ones(linearised.number)
         ):  # springs let free bodies move
-            springs = self._path.springs if self._path else 1.0
-            if self._trying or not self._path:  # Newton's own steps
-                springs = min(springs, self._springs)
-            steered = self._path.steered if self._path else 1.0
-            direct = self.direct.direction(
-                point, linearised, change, wanted, layer, springs, steered, not self._path
-            )
+            by = self._by
+            direct = self.direct.direction(point, linearised, change, wanted, layer, by)
             if direct is not None:
                 return direct
-            problem = LinearProblem(
-                joint,
-                self._preconditioner,
-                linearised,
-                layer,
-                springs,
-                steered,
-                self._forcing,
-                precise=self._path is not None,
-            )
+            problem = LinearProblem(joint, self._preconditioner, linearised, layer, by)
             if (
                 rigid.size
             ):  # forces that balance the loads with the least energy of half-spaces; then h = 0

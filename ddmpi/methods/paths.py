@@ -23,7 +23,7 @@ import scipy.sparse as sparse
 from ddmpi.coupling.coarse import CoarseSystem
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.interface.law import across, direction
-from ddmpi.methods.krylov import Linearised
+from ddmpi.methods.krylov import Linearised, Regularisation
 from ddmpi.sets import cone_exit, cone_room, dots, magnitude
 from ddmpi.system.numbers import norm
 
@@ -101,12 +101,12 @@ class Softening:
     point : the iterate
     ready : whether Newton's own steps are worth trying from it
     failed : whether the path has failed
-    springs, steered, forcing : as for `LinearProblem`; with a forcing of 1e-3 slender bodies would go where errors push
-        them
+    by : how its linear problems are steered, and how precisely they are solved; with a forcing of 1e-3 slender bodies
+        would go where errors push them
     """
 
     kind = "softening"
-    springs, steered, forcing = 1.0, 1.0, 1e-4
+    by = Regularisation(forcing=1e-4, precise=True)
 
     def __init__(self, joint: Joint, c: np.ndarray, before: float = 0.0) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
@@ -238,7 +238,7 @@ class InteriorPoints:
     """
 
     kind = "interior points"
-    springs, steered, forcing = 1e-6, LOOSELY, INEXACT
+    by = Regularisation(springs=1e-6, shared=LOOSELY, forcing=INEXACT, precise=True)
     """With the springs of Newton's method bodies would cross wide clearances too slowly: a step moves them by imbalance
     over spring. The barrier of each contact supports bodies, too."""
 

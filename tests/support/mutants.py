@@ -2367,7 +2367,7 @@ MUTANTS = [
             "methods/newton",
             "right -= layer[linearised.unknown] * y",
             "pass",
-            "methods/test_paths.py::test_softened_springs_hold_in_steps_from_a_path",
+            f"{DENSE}::test_a_direction_by_gmres_solves_its_equations",
         ),
         (
             "no step of softening is a full one",
@@ -3479,8 +3479,8 @@ MUTANTS = [
         (
             "what steers a direct direction biases it",
             "methods/dense",
-            "unknowns += dgetrs",
-            "dgetrs",
+            "unknowns += factors.solve",
+            "factors.solve",
             f"{DENSE}::test_a_direct_direction_solves_its_equations",
         ),
         (
