@@ -69,6 +69,11 @@ NO_FORCE = 1e-6
 """Forces are compared with at least this fraction of those that would close the free gaps of half-planes, and of the
 loads on a loose body, whose resultant e may be rounding. Without any contact they are compared with these loads."""
 
+SPLIT, SOFTER, SOFTEST, NEARLY = 20.0, 1e-3, 1e-6, 1e-3
+"""Contacts at one node share a force in many ways, or where meshes nearly match in one way, with parts that are much
+larger than the force. Once nothing else changes, any way is taken that leaves a residual of SPLIT times the tolerance.
+Where more is left, but less than NEARLY, the compliances that steer these parts get softer by SOFTER, down to SOFTEST."""
+
 
 class Newton(Outer):
     """The semi-smooth Newton method.
@@ -116,6 +121,7 @@ class Newton(Outer):
             self.space.largest(np.array([float(law.components) for law in self._laws.laws])) > 1.0
         )
         self._preconditioner = preconditioner or Preconditioner(joint, self._c, self._in_space)
+        self._shares = self.space.any(self._preconditioner.shared > 0.0)
         self._full = FULL_STEPS if self._in_space else 0 if self._coulomb else GIVEN_STEPS
         self._modelled: Modelled | None = None
         if joint.dear:
@@ -165,7 +171,8 @@ class Newton(Outer):
         self._least_size = max(self._wanted, loads)  # a load may be small after a large one
         # from guessed active sets (_start) the iteration cannot end; from a prediction one step must estimate the error
         self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
-        self._stalled, self._smallest = 0, np.inf
+        self._stalled, self._smallest, self._full_until = 0, np.inf, self._full
+        self._shared, self._splits = 1.0, False  # see `_see_to_shares`
         self._asked = False
         self.history: list[Step] = []
 
@@ -259,7 +266,8 @@ class Newton(Outer):
     def _is_done(self, residual: float, tolerance: float) -> bool:
         """Whether residual and estimated error are small; guessed active sets may fit by chance."""
         guessed = self._start and residual > 0.0
-        return residual <= tolerance and self._error <= ERROR * tolerance and not guessed
+        exact = residual <= tolerance and self._error <= ERROR * tolerance and not guessed
+        return exact or (self._splits and residual <= SPLIT * tolerance)
 
     def _is_hopeless(self) -> bool:
         """Whether a path has begun that cannot lead to an answer, as there is none; asked once. Collective."""
@@ -297,7 +305,7 @@ class Newton(Outer):
         assert self._misfit is not None
         residual = self._relative(self._misfit)
         self._count_gains(residual)
-        before = self._at.s
+        before = self._at
         self.joint.neglected = NEGLECTED * tolerance * self._size()
         if self._stalled >= PATIENCE and not self._path:  # active sets cycle
             self._next_path()
@@ -307,7 +315,10 @@ class Newton(Outer):
             self._misfit = self._follow(path) if path else self._newton_step(self._misfit)
         self._start = False
         after, size = self._relative(self._misfit), self._size()
-        update = self.space.norm(self._at.s - before) / size if size else 0.0
+        update = self.space.norm(self._at.s - before.s) / size if size else 0.0
+        self._splits = False
+        if self._shares and not self._path and after > PROGRESS * residual:
+            self._see_to_shares(before, after, tolerance)
         if not update:
             self._stalled = PATIENCE  # the next step would be the same
         # as if the next step shrank like the residual
@@ -315,6 +326,18 @@ class Newton(Outer):
         self._note(after, update, stage)
         if self._trying and not stage and not after <= PROGRESS * residual:
             self._go_back()
+
+    def _see_to_shares(self, before: Point, residual: float, tolerance: float) -> None:
+        """After a step from `before` that gained little: see whether nothing has changed but how contacts share the
+        forces of nodes; where the `residual` is more than that may leave, soften what steers these. Collective."""
+        at, shared = self._at, self._preconditioner.shared > 0.0
+        # of forces that contacts share counts what they do to gaps
+        change = np.where(shared, self._c * (at.r - before.r), at.s - before.s)
+        self._splits = self.space.norm(change) <= SPLIT * tolerance * self._size()
+        if SPLIT * tolerance < residual < NEARLY and self._shared > SOFTEST:
+            self._shared *= SOFTER
+            # the parts may be large on the way, so that full steps gain nothing at first
+            self._stalled, self._full_until = 0, len(self.history) + 1 + PATIENCE
 
     def _count_gains(self, residual: float) -> None:
         """Count Newton's steps that gain little, but neither full steps nor steps of a path."""
@@ -344,7 +367,7 @@ class Newton(Outer):
     @property
     def _takes_full_steps(self) -> bool:
         """Whether steps are full even if they gain nothing."""
-        return not self._path and not self._stalled and len(self.history) < self._full
+        return not self._path and not self._stalled and len(self.history) < self._full_until
 
     def _next_path(self) -> bool:
         """Begin the next path and return True. If none is left, go to the end of the path on which bodies moved
@@ -376,7 +399,8 @@ class Newton(Outer):
         if self._path:
             return self._path.by
         return Regularisation(
-            forcing=forcing([step.residual for step in self.history], self._in_space)
+            shared=self._shared,
+            forcing=forcing([step.residual for step in self.history], self._in_space),
         )
 
     def _note(self, residual: float, update: float, stage: str = "") -> None:

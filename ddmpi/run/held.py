@@ -351,7 +351,11 @@ def judge_held(
                 imbalance = load / float((speeds * loads).max() or 1.0)
                 mechanism = Mechanism(tuple(bodies), velocities / speeds.max(), imbalance, because)
                 return told, mechanism, False
-        return told[:-1], None, False
+        # motions that are resisted alike come in any order
+        scene = assembly.scene
+        order = [each.name for each in (*scene.body, *scene.rigid)]
+        told = sorted(told[:-1], key=lambda one: (order.index(one.body), one.motion))
+        return told, None, False
 
     return from_first(assembly.world, judge)
 

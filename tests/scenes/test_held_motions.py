@@ -39,6 +39,23 @@ def shaft(around: tuple[int, int], load: list, order: int = 2) -> dict:
     }
 
 
+def split(around: tuple[int, int], order: int) -> dict:
+    """The same with a bush of two halves, which are bonded below and above the shaft."""
+    scene = shaft(around, [0.0, -3.79], order)
+    bush = scene["body"].pop()
+    for name, first in {"left": 90.0, "right": -90.0}.items():
+        mesh = bush["mesh"] | {"angles": [first, first + 180.0]}
+        mesh["divisions"] = [around[1] // 2, 3]
+        scene["body"].append(bush | {"name": name, "mesh": mesh})
+        scene["contact"].append({"bodies": ["shaft", name], "on": ["outer", "inner"]})
+    for name, ends in {"below": ["end", "start"], "above": ["start", "end"]}.items():
+        scene["contact"].append(
+            {"name": name, "bodies": ["left", "right"], "on": ends, "kind": "bonded"}
+        )
+    del scene["contact"][0]
+    return scene
+
+
 def symmetric(around: int, order: int) -> dict:
     """The right half of the same."""
     scene = shaft((around // 2, around // 2), [0.0, -3.79], order)
@@ -402,3 +419,17 @@ def test_a_shaft_that_its_bush_carries_far_does_not_turn():
     assert place == pytest.approx([3.0, 4.0 - 0.05], abs=0.02)  # within what the contact yields
     assert frame.at(np.array([10.0, -0.05])) - place == pytest.approx([10.0, 0.0], abs=1e-6)
     assert answer.summary["contacts"]["shaft-bush"]["force"][1] == pytest.approx(1000.0, rel=0.01)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("around", [(40, 40), (40, 46), (60, 60), (36, 40)])
+def test_a_shaft_in_a_split_bush_is_that_in_a_whole_one(around, order):
+    """Below the shaft both halves press on one of its nodes, where they are bonded: how they share its force changes
+    next to nothing, and only where meshes nearly match, by forces far larger than theirs."""
+    answer, whole = certified(split(around, order)), certified(shaft(around, [0.0, -3.79], order))
+    assert answer.summary["outer_iterations"] <= 25  # 47 to 105, or not converged, before
+    moved = [each.summary["bodies"]["shaft"]["displacement_max"] for each in (answer, whole)]
+    assert moved[0] == pytest.approx(moved[1], rel=0.02)
+    carried = [answer.summary["contacts"][name]["force"] for name in ("shaft-left", "shaft-right")]
+    assert np.sum(carried, axis=0) == pytest.approx([0.0, 1000.0], abs=10.0)  # 84 π · 3.79 N
+    assert abs(carried[0][0]) == pytest.approx(abs(carried[1][0]), rel=1e-6)
