@@ -164,22 +164,24 @@ class Linearised(Tangent):
 class Preconditioner:
     """The half-space stiffness M of all interfaces with the coarse problem of all bodies, for all active sets.
 
-    Parameters
-    ----------
-    c : (joint.size,) stiffness of half-spaces against short waves (N/m)
-
     Attributes
     ----------
+    c : (joint.size,) stiffness of half-spaces against short waves (N/m), half the joint moduli
+    in_space : whether friction has two components at any contact
     springs : (rigid.size,) ε E* of rigid motions (N/m)
     shared : (joint.size,) compliances (m/N) that steer at nodes with several contacts, zero elsewhere
 
     Where bodies move far, half-spaces and coarse problem are made once GMRES asks for them. All is collective.
     """
 
-    def __init__(self, joint: Joint, c: np.ndarray, in_space: bool) -> None:
-        self._joint, self.c, self._in_space = joint, c, in_space
+    def __init__(self, joint: Joint) -> None:
+        self._joint, space = joint, joint.space
+        stiffness = [interface.stiffness for interface in space.interfaces]
+        self.c = np.concatenate([np.empty(0), *stiffness])
+        components = np.array([float(law.components) for law in space.laws.laws])
+        self.in_space = space.largest(components) > 1.0
         self.springs = HELD_LOOSELY * joint.rigid_moduli
-        self.shared = np.where(joint.shared(), SHARED / c, 0.0)
+        self.shared = np.where(joint.shared(), SHARED / self.c, 0.0)
         if not joint.far:  # now, so that a run that continues from a checkpoint does not count their products again
             for made in ("half_space", "coarse", "crossing"):
                 getattr(self, made)
@@ -231,7 +233,7 @@ class Preconditioner:
     def crossing(self) -> CrossPoints | None:
         """The compliance of nodes at which bodies have several contacts; None in the plane, where the coarse modes see
         to them: with it random assemblies take 12 % more products."""
-        return self._joint.cross_points() if self._in_space else None
+        return self._joint.cross_points() if self.in_space else None
 
 
 class Regularisation(NamedTuple):
