@@ -70,7 +70,14 @@ first each time that rough gaps are computed anew, as on slender bodies small er
 
 class HalfSpace:
     """M ≈ C⁻¹ (N/m): a block for each interface, without coupling between them or between the normal and tangential
-    components. `local` (size,) are the compliances `Joint.local`, for interfaces with waves. Not collective."""
+    components. `local` (size,) are the compliances `Joint.local`, for interfaces with waves. Not collective.
+
+        >>> joint = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD).solved.assembly.joint
+        >>> M, x = HalfSpace(joint.space), np.cos(3.0 * np.arange(joint.size))  # forces that vary from node to node
+        >>> like = M.mult(joint.product(x, "example"))
+        >>> 0.5 < joint.space.norm(like) / joint.space.norm(x) < 2.0  # M C is about the identity
+        True
+    """
 
     def __init__(self, space: Space, local: np.ndarray | None = None) -> None:
         self._met = np.array([interface.m > 0 for interface in space.interfaces], bool)

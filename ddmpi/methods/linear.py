@@ -70,6 +70,15 @@ class Changed(NamedTuple):
 class Linearisation:
     """The equations at a `point`, linearised for the status that its nodes have there.
 
+        >>> answer = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD)
+        >>> joint, outer = answer.solved.assembly.joint, answer.solved.solution.outer
+        >>> outer.run(1e-10)
+        'converged'
+        >>> change = outer.linearisation().direct(joint.d, joint.e, np.zeros(joint.size))
+        >>> apart = joint.space.norm(change.s - outer.forces)
+        >>> apart < 1e-6 * joint.space.norm(outer.forces)  # without a gap forces grow like the loads
+        True
+
     Construction and all methods but `along_slip` are collective. They raise SolverError.
     """
 

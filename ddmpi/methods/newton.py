@@ -102,6 +102,11 @@ class Iterate(NamedTuple):
 class Newton(Outer):
     """The semi-smooth Newton method.
 
+        >>> joint = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD).solved.assembly.joint
+        >>> newton = Newton(joint, max_iterations=20)
+        >>> newton.run(1e-8), len(newton.history), newton.history[-1].residual < 1e-8
+        ('converged', 7, True)
+
     Parameters
     ----------
     joint : the operator of all bodies

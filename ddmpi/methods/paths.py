@@ -106,6 +106,15 @@ class Station(NamedTuple):
 class Path:
     """A path of easier problems.
 
+        >>> from functools import partial
+        >>> from ddmpi.methods.newton import Newton
+        >>> joint = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD).solved.assembly.joint
+        >>> newton = Newton(joint, max_iterations=20)
+        >>> path = Softening(joint, newton.preconditioner.c)
+        >>> stations = path.points(partial(newton.direction, by=path.by))
+        >>> [next(stations).stage for _ in range(3)]
+        ['layer 1e+03', 'layer 1e+03', 'layer 1e+02']
+
     Parameters
     ----------
     joint : the operator
