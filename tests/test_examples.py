@@ -1,15 +1,32 @@
 """The examples in docs/examples and in the docstrings of public names run, from the folder of the repository."""
 
+import doctest
+import importlib
 import re
 import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+from mpi4py import MPI
 from scenes import LIMIT
 
 import ddmpi
 
 ROOT = Path(ddmpi.__file__).resolve().parents[1]
+
+COLLECTIVE = [
+    "ddmpi.coupling.coarse",
+    "ddmpi.coupling.joint",
+    "ddmpi.coupling.ranks",
+    "ddmpi.coupling.space",
+    "ddmpi.methods.half_space",
+    "ddmpi.methods.krylov",
+    "ddmpi.methods.linear",
+    "ddmpi.methods.newton",
+    "ddmpi.methods.paths",
+]
+"""Modules whose examples have the same output on each of several ranks."""
 
 MODULES = [
     "ddmpi",
@@ -25,14 +42,17 @@ MODULES = [
     "ddmpi.scene.reader",
     "ddmpi.system.doubts",
     "ddmpi.system.numbers",
+    *COLLECTIVE,
 ]
 
 
 RUN = """
 import doctest, importlib, sys
 import ddmpi
+from mpi4py import MPI
 for name in sys.argv[1:]:
-    result = doctest.testmod(importlib.import_module(name), extraglobs={"ddmpi": ddmpi})
+    known = {"ddmpi": ddmpi, "MPI": MPI}
+    result = doctest.testmod(importlib.import_module(name), extraglobs=known)
     assert result.attempted and not result.failed, name
 """
 
@@ -72,6 +92,17 @@ def test_all_files_of_examples_are_run():
 def test_examples_run():
     """An example in a docstring has the output that stands below it, in a process of its own, as users have it."""
     run("-c", RUN, *MODULES)
+
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize("name", COLLECTIVE)
+def test_examples_have_the_same_output_on_two_ranks(comm, name, monkeypatch):
+    """On each of them."""
+    monkeypatch.chdir(ROOT)
+    known = {"ddmpi": ddmpi, "MPI": MPI}
+    result = doctest.testmod(importlib.import_module(name), extraglobs=known)
+    assert result.attempted
+    assert not result.failed
 
 
 def test_all_examples_are_run():

@@ -173,6 +173,13 @@ class Driven:
 class Motions:
     """Motions of bodies, by their contact displacements at the owned interfaces.
 
+        >>> answer = ddmpi.solve("configs/wall.toml", MPI.COMM_WORLD)  # of fourteen loose bricks
+        >>> joint, s = answer.solved.assembly.joint, answer.solved.solution.outer.forces
+        >>> joint.rigid.size
+        42
+        >>> bool(np.allclose(joint.rigid.sums(s), joint.e, atol=1e-6 * joint.load))  # the forces bear the loads
+        True
+
     Parameters
     ----------
     space : of the interfaces

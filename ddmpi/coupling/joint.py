@@ -77,6 +77,13 @@ class Joint:
     stiffness K of loads that change as bodies move far. Users of this class work on vectors of the `space` and need not
     know of ranks. All methods that multiply or sum are collective on all bodies, and raise the errors of any of them.
 
+        >>> answer = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD)
+        >>> joint, s = answer.solved.assembly.joint, answer.solved.solution.outer.forces
+        >>> r = joint.product(s, "example") - joint.d
+        >>> law, c = joint.space.laws, 1e5  # N/mm; a c > 0 of any size
+        >>> joint.space.norm(s - law.project(s - c * r)) < 1e-6 * joint.space.norm(s)  # the laws hold at the answer
+        True
+
     Parameters
     ----------
     members : the bodies of this rank

@@ -137,7 +137,11 @@ def team_of(world: MPI.Comm) -> Team | None:
 
 def place_ranks(nodes: Sequence[int | None], ranks: int) -> list[int]:
     """The body of every rank, for more ranks than bodies: each further rank goes to the body with the most `nodes` per
-    rank. Bodies count as equal if the nodes of one are unknown."""
+    rank. Bodies count as equal if the nodes of one are unknown.
+
+    >>> place_ranks([100, 10, 90], 5)
+    [0, 0, 1, 2, 2]
+    """
     sizes = [1 if None in nodes else size or 1 for size in nodes]
     number = [1] * len(sizes)
     for _ in range(ranks - len(sizes)):
@@ -175,5 +179,9 @@ def ranks_beside(world: MPI.Comm) -> int:
 
 
 def homes_of(names: Sequence[str], world: MPI.Comm) -> dict[str, int]:
-    """The rank of every body: one body a rank, or, with fewer ranks than bodies, neighbours in the scene together."""
+    """The rank of every body: one body a rank, or, with fewer ranks than bodies, neighbours in the scene together.
+
+    >>> homes_of(["first", "second", "third"], MPI.COMM_SELF)
+    {'first': 0, 'second': 0, 'third': 0}
+    """
     return {name: k * min(world.size, len(names)) // len(names) for k, name in enumerate(names)}

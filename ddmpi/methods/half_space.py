@@ -70,7 +70,14 @@ first each time that rough gaps are computed anew, as on slender bodies small er
 
 class HalfSpace:
     """M ≈ C⁻¹ (N/m): a block for each interface, without coupling between them or between the normal and tangential
-    components. `local` (size,) are the compliances `Joint.local`, for interfaces with waves. Not collective."""
+    components. `local` (size,) are the compliances `Joint.local`, for interfaces with waves. Not collective.
+
+        >>> joint = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD).solved.assembly.joint
+        >>> M, x = HalfSpace(joint.space), np.cos(3.0 * np.arange(joint.size))  # forces that vary from node to node
+        >>> like = M.mult(joint.product(x, "example"))
+        >>> 0.5 < joint.space.norm(like) / joint.space.norm(x) < 2.0  # M C is about the identity
+        True
+    """
 
     def __init__(self, space: Space, local: np.ndarray | None = None) -> None:
         self._met = np.array([interface.m > 0 for interface in space.interfaces], bool)
@@ -334,25 +341,21 @@ class Modelled:
     def __init__(self, joint: Joint, newton: Any) -> None:
         self._joint, self._newton, self._corrected, self.rough = joint, newton, CORRECTED, False
 
-    def step(
-        self, point: Point, residual: float, size: float, start: bool, warm: bool
-    ) -> Point | None:
+    def step(self, point: Point, residual: float, size: float, guess: str) -> Point | None:
         """The change from `point` to the answer of the model, or None if the model's iteration finds none.
 
         Parameters
         ----------
         residual, size : of the equations over the forces, and the size (N) with which forces are compared
-        start, warm : whether the step is the first one, and whether it starts from forces of the load step before
+        guess : as of `Iterate`
 
         Collective. Raises SolverError.
         """
         joint, newton, (s, r, alpha, left) = self._joint, self._newton, point
         newton.joint.pass_through(s, r, alpha, joint.e)
-        newton.begin((s, r, alpha) if warm or not start else None, foreseen=residual < FORESEEN)
-        if (
-            newton.run(max(SOLVED * min(residual, 1.0), joint.neglected / size if size else 0.0))
-            != "converged"
-        ):
+        newton.begin((s, r, alpha) if guess != "rest" else None, foreseen=residual < FORESEEN)
+        least = joint.neglected / size if size else 0.0
+        if newton.run(max(SOLVED * min(residual, 1.0), least)) != "converged":
             return None
         forces, turned = newton.forces, joint.rigid.spread(newton.motions)
         whole, moved = joint.space.norms([forces, forces - s])

@@ -70,18 +70,24 @@ class Changed(NamedTuple):
 class Linearisation:
     """The equations at a `point`, linearised for the status that its nodes have there.
 
-    `c` (size,) is the stiffness of s − c r (N/m). Construction and all methods but `along_slip`
-    are collective. They raise SolverError.
+        >>> answer = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD)
+        >>> joint, outer = answer.solved.assembly.joint, answer.solved.solution.outer
+        >>> outer.run(1e-10)
+        'converged'
+        >>> change = outer.linearisation().direct(joint.d, joint.e, np.zeros(joint.size))
+        >>> apart = joint.space.norm(change.s - outer.forces)
+        >>> apart < 1e-6 * joint.space.norm(outer.forces)  # without a gap forces grow like the loads
+        True
+
+    Construction and all methods but `along_slip` are collective. They raise SolverError.
     """
 
-    def __init__(
-        self, joint: Joint, preconditioner: Preconditioner, point: Point, c: np.ndarray
-    ) -> None:
-        self.joint, self.point, self._preconditioner, self._c = joint, point, preconditioner, c
-        self._q = point.s - c * point.r
+    def __init__(self, joint: Joint, preconditioner: Preconditioner, point: Point) -> None:
+        self.joint, self.point, self._preconditioner = joint, point, preconditioner
+        self._q = point.s - preconditioner.c * point.r
         self.active = joint.space.laws.active_sets(self._q)
         self.linearised = Linearised.of(joint.space.laws.linearise(self.active))
-        self._layer = self.linearised.spring / c
+        self._layer = self.linearised.spring / preconditioner.c
         self._problems: dict[bool, LinearProblem] = {}
 
     def along_slip(self, bounds: Sequence[np.ndarray]) -> np.ndarray:
@@ -233,7 +239,7 @@ class Linearisation:
         to change its status, one of both is zero, and the derivative is one-sided.
         """
         rates = [np.zeros(2)]  # one over the distance, of fall and rise
-        change = changed.s - self._c * changed.r
+        change = changed.s - self._preconditioner.c * changed.r
         for (law, q), (_, dq), (_, ds), active, bound in zip(
             *(self.joint.space.laws.parts(x) for x in (self._q, change, changed.s)),
             self.active,

@@ -15,10 +15,10 @@ point from which they converge (`ddmpi.methods.paths`).
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from ddmpi.coupling.joint import Joint, Point
 from ddmpi.methods.dense import LONG, Direct
 from ddmpi.methods.half_space import MODEL_STEPS, Model, Modelled
 from ddmpi.methods.krylov import (
+    FORCING,
     Linearised,
     LinearProblem,
     Preconditioner,
@@ -34,11 +35,9 @@ from ddmpi.methods.krylov import (
 )
 from ddmpi.methods.linear import Linearisation
 from ddmpi.methods.outer import Outer, Report, Step, no_report
-from ddmpi.methods.paths import DRIFT, NEAR, STOPPED, InteriorPoints, Path, Softening
+from ddmpi.methods.paths import DRIFT, STOPPED, InteriorPoints, Path, Softening
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import norm
-
-log = logging.getLogger("ddmpi")
 
 LENGTHS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05, 0.02)
 """Lengths of a Newton step; the others are tried only if the full one gains too little, see GAIN."""
@@ -50,7 +49,7 @@ PATIENCE, PROGRESS = 3, 0.7
 """A path begins after PATIENCE steps in a row that leave more than PROGRESS of the smallest residual. Newton's steps
 from a point of a path go on as long as each leaves at most PROGRESS of the residual."""
 
-PATHS: tuple[type[Path], ...] = InteriorPoints, Softening
+PATHS: tuple[Callable[[Joint, np.ndarray, float], Path], ...] = InteriorPoints, Softening
 """The paths in the order in which they are tried with loose bodies. Without loose bodies the reversed order takes
 half the steps."""
 
@@ -75,8 +74,46 @@ larger than the force. Once nothing else changes, any way is taken that leaves a
 Where more is left, but less than NEARLY, the compliances that steer these parts get softer by SOFTER, down to SOFTEST."""
 
 
+class Iterate(NamedTuple):
+    """An iterate of Newton's method.
+
+    Attributes
+    ----------
+    point : the forces with their gaps, motions and imbalance
+    size : with which forces are compared (N): their norm, or the least size
+    misfit : the norm of what is left of all equations (N); None where forces were moved and the gaps must follow
+    error : the estimated error of the forces over the size
+    guess : where the first step guesses the status of nodes, "warm" from forces before, else "rest"
+    splits : whether the last step has changed nothing but how contacts share the forces of nodes
+    """
+
+    point: Point
+    size: float
+    misfit: float | None
+    error: float = 0.0
+    guess: str = ""
+    splits: bool = False
+
+    @property
+    def residual(self) -> float:
+        """The misfit over the size."""
+        assert self.misfit is not None
+        return self.misfit / self.size if self.size else 0.0
+
+    def is_answer(self, tolerance: float) -> bool:
+        """Whether residual and estimated error are small; guessed active sets may fit by chance."""
+        guessed = self.guess and self.residual > 0.0
+        exact = self.residual <= tolerance and self.error <= ERROR * tolerance and not guessed
+        return exact or (self.splits and self.residual <= SPLIT * tolerance)
+
+
 class Newton(Outer):
     """The semi-smooth Newton method.
+
+        >>> joint = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD).solved.assembly.joint
+        >>> newton = Newton(joint, max_iterations=20)
+        >>> newton.run(1e-8), len(newton.history), newton.history[-1].residual < 1e-8
+        ('converged', 7, True)
 
     Parameters
     ----------
@@ -102,36 +139,21 @@ class Newton(Outer):
         report: Report = no_report,
         preconditioner: Preconditioner | None = None,
     ) -> None:
-        self.joint, self.space, self.max_iterations, self.report = (
-            joint,
-            joint.space,
-            max_iterations,
-            report,
-        )
+        self.joint, self.max_iterations, self.report = joint, max_iterations, report
         self.inner_steps = {"gmres": 0}
-        self.checkpoint: Callable[[], None] = lambda: None
         self.hopeless: Callable[[], bool] = lambda: False
-        self.refined = False
-        self._laws = self.space.laws
-        self._c = np.concatenate(
-            [np.empty(0), *(interface.stiffness for interface in self.space.interfaces)]
-        )
-        self._coulomb = self.space.largest(np.array([self._laws.largest_slope])) > 0.0
-        self._in_space = (
-            self.space.largest(np.array([float(law.components) for law in self._laws.laws])) > 1.0
-        )
-        self._preconditioner = preconditioner or Preconditioner(joint, self._c, self._in_space)
-        self._shares = self.space.any(self._preconditioner.shared > 0.0)
-        self._full = FULL_STEPS if self._in_space else 0 if self._coulomb else GIVEN_STEPS
+        self.refined, self.nothing = False, 0.0
+        self.preconditioner = preconditioner or Preconditioner(joint)
+        in_space, laws = self.preconditioner.in_space, joint.space.laws
+        coulomb = joint.space.largest(np.array([laws.largest_slope])) > 0.0
+        self._full = FULL_STEPS if in_space else 0 if coulomb else GIVEN_STEPS
         self._modelled: Modelled | None = None
         if joint.dear:
-            self._full, model = (
-                0,
-                Newton(Model(joint), MODEL_STEPS, preconditioner=self._preconditioner),
-            )
-            self._modelled, model.inner_steps = Modelled(joint, model), self.inner_steps
-        self._wanted = self._least_size = self.nothing = 0.0
-        self.direct = Direct(joint, self._preconditioner)
+            model = Newton(Model(joint), MODEL_STEPS, preconditioner=self.preconditioner)
+            self._full, model.inner_steps = 0, self.inner_steps
+            self._modelled = Modelled(joint, model)
+        self._least = 0.0, 0.0  # sizes (N): of the forces wanted by all load steps, of forces now
+        self.direct = Direct(joint, self.preconditioner)
         self.begin()
 
     def begin(
@@ -147,61 +169,45 @@ class Newton(Outer):
         warm : forces s (size,), gaps r (size,) under the present loads, and motions α, of the step before; or None
         foreseen : whether `warm` predicts this load step, so that its gaps tell the first status of nodes
         """
-        joint = self.joint
+        joint, space, point = self.joint, self.joint.space, self.joint.at_rest()
         if warm:
             s, r, alpha = warm
             if joint.rigid.size and joint.stays.held.size:  # a prediction may have moved them
                 before, alpha = alpha, joint.stays.settled(alpha)
                 r = r - joint.rigid.spread(alpha - before)
-            self._at = Point(s, r, alpha, joint.imbalance(s, alpha))
-        else:
-            self._at = joint.at_rest()
-        self._measured: tuple[np.ndarray | None, float] = (None, 0.0)
-        self._before = self._norm()
-        self._warm = warm is not None and self.space.any(self._pressed())
-        self._path: Path | None = None
-        self._paths = list(PATHS if len(joint.e) else PATHS[::-1])  # not tried yet
-        self._ends: list[Point] = []  # of the paths that failed
-        self._trying = False  # whether steps are Newton's own, from the path's point
-        self._misfit: float | None = None  # `_misfits` of the iterate
-        wanted = NO_FORCE * max(self.space.norm(self._c * joint.d), norm(joint.e))
-        touching = self.space.any(np.ones(joint.size))
+            point = Point(s, r, alpha, joint.imbalance(s, alpha))
+        wanted = NO_FORCE * max(space.norm(self.preconditioner.c * joint.d), norm(joint.e))
+        touching = space.any(np.ones(joint.size))
         loads = (NO_FORCE if touching else 1.0) * joint.load
-        self._wanted = max(self._wanted, wanted)
-        self._least_size = max(self._wanted, loads)  # a load may be small after a large one
-        # from guessed active sets (_start) the iteration cannot end; from a prediction one step must estimate the error
-        self._start, self._settled, self._error = not foreseen, False, math.inf if foreseen else 0.0
-        self._stalled, self._smallest, self._full_until = 0, np.inf, self._full
-        self._shared, self._splits = 1.0, False  # see `_see_to_shares`
-        self._asked = False
+        wanted = max(self._least[0], wanted)
+        self._least = wanted, max(wanted, loads)  # a load may be small after a large one
+        guess = "warm" if warm and space.any(self._pressed(point.s)) else "rest"
+        # from guessed active sets the iteration cannot end; from a prediction one step must estimate the error
+        self._at = self._measured(point)._replace(
+            error=math.inf if foreseen else 0.0, guess="" if foreseen else guess
+        )
         self.history: list[Step] = []
 
-    def _pressed(self) -> np.ndarray:
-        """The nodes (m,) bool of all interfaces that are under pressure."""
-        return np.concatenate(
-            [
-                np.empty(0, bool),
-                *(
-                    self._at.s[entries][: interface.m] > 0.0
-                    for interface, entries in self.space.with_slices()
-                ),
-            ]
-        )
+    def _pressed(self, s: np.ndarray) -> np.ndarray:
+        """The nodes (m,) bool of all interfaces that forces s (size,) press."""
+        parts = self.joint.space.with_slices()
+        pressed = [s[entries][: interface.m] > 0.0 for interface, entries in parts]
+        return np.concatenate([np.empty(0, bool), *pressed])
 
-    def _first_guess(self) -> tuple[np.ndarray, np.ndarray]:
+    def _first_guess(self, at: Iterate) -> tuple[np.ndarray, np.ndarray]:
         """The nodes (m,) bool that the first step takes as closed, and those onto which a body falls. Collective.
 
         A warm start closes the nodes under pressure. Contacts of loose bodies that have none, as where a body lay
         without a load, begin as without a warm start: else nothing but springs would hold the body in this step.
         """
-        pressed = self._pressed()
-        if not self._warm:
+        pressed = self._pressed(at.point.s)
+        if at.guess == "rest":
             return self.joint.first_closed()
         if not self.joint.rigid.size:
             return pressed, np.zeros(len(pressed), bool)
         closed, falls = self.joint.first_closed()
         begin = 0
-        for interface in self.space.interfaces:
+        for interface in self.joint.space.interfaces:
             nodes = slice(begin, begin + interface.m)
             if pressed[nodes].any():
                 closed[nodes], falls[nodes] = pressed[nodes], False
@@ -210,15 +216,20 @@ class Newton(Outer):
 
     @property
     def forces(self) -> np.ndarray:
-        return self._at.s
+        return self._at.point.s
 
     @property
     def motions(self) -> np.ndarray:
-        return self._at.alpha
+        return self._at.point.alpha
+
+    @property
+    def gaps(self) -> np.ndarray:
+        """(size,) the gaps under the present forces (m)."""
+        return self._at.point.r
 
     @property
     def bound(self) -> np.ndarray:
-        return self._laws.bound_at(self._at.s)
+        return self.joint.space.laws.bound_at(self.forces)
 
     def run(self, tolerance: float) -> str:
         """Iterate until the residual of the equations is below `tolerance` times the forces, and their error too.
@@ -227,249 +238,204 @@ class Newton(Outer):
         The estimated error is the change of a step times the fraction of the residual that it left. Otherwise as
         `Outer.run`.
         """
-        if self._settled:  # the forces were moved onto their bounds; the gaps must follow
-            self.joint.neglected = NEGLECTED * tolerance * self._size()
-            self._settled, self._misfit = False, self._look()
-        while not (end := self._end(tolerance)):
-            self._iterate(tolerance)
-            if self._is_hopeless():
-                return "stalled"
-        return end
+        joint, at, ends, asked = self.joint, self._at, list[Point](), False
+        before = joint.space.norm(at.point.s)
+        if at.misfit is None:  # the forces were moved onto their bounds; the gaps must follow
+            joint.neglected = NEGLECTED * tolerance * at.size
+            at = self._look(at)
+        at, end = self._own_steps(at, tolerance, PATIENCE)
+        for kind in PATHS if len(joint.e) else PATHS[::-1]:
+            if end:
+                return end
+            path = kind(joint, self.preconditioner.c, before)
+            for station in path.points(partial(self.direction, by=path.by)):
+                at = self._took(at, self._measured(station.point), path.by, station.stage)
+                if not asked and self.hopeless():
+                    return "stalled"
+                asked, patience = True, int(at.residual < station.near)
+                _, end = self._own_steps(at, tolerance, patience, path.by)
+                if end:
+                    return end
+                joint.neglected = NEGLECTED * tolerance * at.size
+            ends.append(at.point)
+        return end or self._gave_up(ends)
 
-    def _end(self, tolerance: float) -> str:
-        """Why the iteration ends at the iterate, as `run` returns it; empty where it goes on. Collective."""
-        residual, done = self._judge(tolerance)
-        finite = bool(np.isfinite(residual))
+    def _own_steps(
+        self, at: Iterate, tolerance: float, patience: int, of_path: Regularisation | None = None
+    ) -> tuple[Iterate, str]:
+        """Newton's own steps, until `patience` of them in a row gain little.
+
+        From a point of a path their linear problems are those `of_path`. Returns the last iterate, and why the
+        iteration ends there, as `run` does; empty where it goes on. Collective.
+        """
+        stalled, smallest = 0, math.inf
+        full_until, shared = 0 if of_path else self._full, 1.0
+        while True:
+            at, end = self._judged(at, tolerance)
+            if at.residual < PROGRESS * smallest:
+                stalled, smallest = 0, at.residual
+            elif stalled or len(self.history) >= full_until:
+                stalled += 1  # full steps need gain nothing
+            self.joint.neglected = NEGLECTED * tolerance * at.size
+            if end or stalled >= patience:
+                return at, end
+            residuals = [step.residual for step in self.history]
+            precision = forcing(residuals, self.preconditioner.in_space)
+            by = of_path or Regularisation(shared=shared, forcing=precision)
+            full, before = not stalled and len(self.history) < full_until, at
+            with event("NewtonStep"):
+                at = self._took(at, self._newton_step(at, by, stalled, full), by)
+            if not self.history[-1].update:
+                stalled = patience  # the next step would be the same
+            at, soften = self._see_to_shares(before, at, tolerance)
+            if soften and shared > SOFTEST and not of_path:
+                shared *= SOFTER
+                # the parts may be large on the way, so that full steps gain nothing at first
+                stalled, full_until = 0, len(self.history) + PATIENCE
+
+    def _see_to_shares(
+        self, before: Iterate, at: Iterate, tolerance: float
+    ) -> tuple[Iterate, bool]:
+        """The iterate after a step, which knows whether this `splits` forces alone, of which counts what they do to gaps;
+        and whether what steers their parts has to get softer. Collective."""
+        shared, c, (s, r, *_) = self.preconditioner.shared > 0.0, self.preconditioner.c, at.point
+        slow = at.residual > PROGRESS * before.residual
+        if not (slow and self.joint.space.any(shared)):
+            return at, False
+        change = np.where(shared, c * (r - before.point.r), s - before.point.s)
+        beside = self.joint.space.norm(change)
+        allowed = SPLIT * tolerance
+        return (
+            at._replace(splits=beside <= allowed * at.size),
+            allowed < at.residual < NEARLY,
+        )
+
+    def _judged(self, at: Iterate, tolerance: float) -> tuple[Iterate, str]:
+        """The iterate, with precise gaps if it is an answer, and why the iteration ends there. Collective."""
+        done = at.is_answer(tolerance)
+        if done and self._modelled and self._modelled.rough:
+            at = self._look(at)  # the gaps were only as precise as the step needed
+            done = at.is_answer(tolerance)
+        self._at, finite = at, bool(np.isfinite(at.residual))
         if not self.history and (done or not finite):
-            self._note(residual, 0.0)
+            self._note(at.residual, 0.0, FORCING)
         if not finite:
-            return "diverged"
-        balanced = done and self.joint.balances(self._at.left, self._size())
+            return at, "diverged"
+        balanced = done and self.joint.balances(at.point.left, at.size)
         if balanced or len(self.history) >= self.max_iterations:
             self._settle()
-            return "converged" if done else "max_iterations"
-        if self._path and not self._trying and self._path.failed and not self._next_path():
-            return "drift" if self._drifts() else "stalled"
-        return ""
+            return at, "converged" if done else "max_iterations"
+        return at, ""
 
-    def _judge(self, tolerance: float) -> tuple[float, bool]:
-        """The residual of the iterate, its misfit over the forces, and whether the iterate is an answer. Collective."""
-        while True:
-            if self._misfit is None:
-                self._misfit = self._misfits([self._at])[0]
-            residual = self._relative(self._misfit)
-            done = self._is_done(residual, tolerance)
-            if not (done and self._rough):
-                return residual, done
-            self._misfit = self._look()  # the gaps were only as precise as the step needed
+    def _took(
+        self, before: Iterate, after: Iterate, by: Regularisation, stage: str = ""
+    ) -> Iterate:
+        """Note a step; returns the iterate after it with its estimated error. Collective."""
+        moved = self.joint.space.norm(after.point.s - before.point.s)
+        update = moved / after.size if after.size else 0.0
+        # as if the next step shrank like the residual
+        error = update * after.residual / before.residual if before.residual else 0.0
+        self._at = after._replace(error=error)
+        self._note(after.residual, update, by.forcing, stage)
+        return self._at
 
-    def _is_done(self, residual: float, tolerance: float) -> bool:
-        """Whether residual and estimated error are small; guessed active sets may fit by chance."""
-        guessed = self._start and residual > 0.0
-        exact = residual <= tolerance and self._error <= ERROR * tolerance and not guessed
-        return exact or (self._splits and residual <= SPLIT * tolerance)
+    def _note(self, residual: float, update: float, precision: float, stage: str = "") -> None:
+        number, products = len(self.history) + 1, self.joint.multiplications()
+        self.history.append(Step(number, update, residual, precision, products, stage))
+        self.report(self.history[-1])
 
-    def _is_hopeless(self) -> bool:
-        """Whether a path has begun that cannot lead to an answer, as there is none; asked once. Collective."""
-        begins = self._path is not None and not self._asked
-        self._asked |= begins
-        return begins and self.hopeless()
+    def _gave_up(self, ends: Sequence[Point]) -> str:
+        """Go to the end of the path on which bodies moved farthest, whose imbalance shows which bodies drift; returns
+        why the iteration ends. Collective."""
+        joint = self.joint
+        end = max(ends, key=lambda end: joint.space.largest(joint.rigid.spread(end.alpha)))
+        self._at = self._measured(end)
+        return "drift" if self._drifts(end) else "stalled"
 
-    def _drifts(self) -> bool:
+    def _drifts(self, end: Point) -> bool:
         """Whether bodies move on and on under loads that friction does not balance, and not into a partner."""
-        if not self._coulomb or norm(self._at.left) <= DRIFT * norm(self.joint.e):
+        space = self.joint.space
+        coulomb = space.largest(np.array([space.laws.largest_slope])) > 0.0
+        if not coulomb or norm(end.left) <= DRIFT * norm(self.joint.e):
             return False
-        moved = self.joint.rigid.spread(self._at.alpha)
+        moved = self.joint.rigid.spread(end.alpha)
         closing = [
             moved[entries][: interface.m].max(initial=0.0)
-            for interface, entries in self.space.with_slices()
+            for interface, entries in space.with_slices()
         ]
-        return self.space.largest(np.array(closing)) <= STOPPED * self.space.largest(np.abs(moved))
+        return space.largest(np.array(closing)) <= STOPPED * space.largest(np.abs(moved))
 
-    @property
-    def _rough(self) -> bool:
-        """Whether the gaps of the iterate are only as precise as a step by the model needs."""
-        return self._modelled is not None and self._modelled.rough
-
-    def _look(self) -> float:
-        """Compute the gaps of the iterate anew; return its `_misfits` then (N). Collective."""
+    def _look(self, at: Iterate) -> Iterate:
+        """The same forces with gaps that are computed anew. Collective."""
+        s, _, alpha, _ = at.point
         product = self.joint.solved if self.refined else self.joint.product
-        r = product(self._at.s, "newton") - self.joint.d - self.joint.rigid.spread(self._at.alpha)
-        self._at = self._at._replace(r=r, left=self.joint.imbalance(self._at.s, self._at.alpha))
+        r = product(s, "newton") - self.joint.d - self.joint.rigid.spread(alpha)
         if self._modelled:
             self._modelled.refine()
-        return self._misfits([self._at])[0]
-
-    def _iterate(self, tolerance: float) -> None:
-        """One step of Newton's method or of a path. Collective."""
-        assert self._misfit is not None
-        residual = self._relative(self._misfit)
-        self._count_gains(residual)
-        before = self._at
-        self.joint.neglected = NEGLECTED * tolerance * self._size()
-        if self._stalled >= PATIENCE and not self._path:  # active sets cycle
-            self._next_path()
-        path = None if self._trying else self._path
-        stage = path.stage if path else ""
-        with event("NewtonStep"):
-            self._misfit = self._follow(path) if path else self._newton_step(self._misfit)
-        self._start = False
-        after, size = self._relative(self._misfit), self._size()
-        update = self.space.norm(self._at.s - before.s) / size if size else 0.0
-        self._splits = False
-        if self._shares and not self._path and after > PROGRESS * residual:
-            self._see_to_shares(before, after, tolerance)
-        if not update:
-            self._stalled = PATIENCE  # the next step would be the same
-        # as if the next step shrank like the residual
-        self._error = update * after / residual if residual else 0.0
-        self._note(after, update, stage)
-        if self._trying and not stage and not after <= PROGRESS * residual:
-            self._go_back()
-
-    def _see_to_shares(self, before: Point, residual: float, tolerance: float) -> None:
-        """After a step from `before` that gained little: see whether nothing has changed but how contacts share the
-        forces of nodes; where the `residual` is more than that may leave, soften what steers these. Collective."""
-        at, shared = self._at, self._preconditioner.shared > 0.0
-        # of forces that contacts share counts what they do to gaps
-        change = np.where(shared, self._c * (at.r - before.r), at.s - before.s)
-        self._splits = self.space.norm(change) <= SPLIT * tolerance * self._size()
-        if SPLIT * tolerance < residual < NEARLY and self._shared > SOFTEST:
-            self._shared *= SOFTER
-            # the parts may be large on the way, so that full steps gain nothing at first
-            self._stalled, self._full_until = 0, len(self.history) + 1 + PATIENCE
-
-    def _count_gains(self, residual: float) -> None:
-        """Count Newton's steps that gain little, but neither full steps nor steps of a path."""
-        if residual < PROGRESS * self._smallest:
-            self._stalled, self._smallest = 0, residual
-        elif self._path:
-            self._stalled = 0
-        elif not self._takes_full_steps:
-            self._stalled += 1
-
-    def _follow(self, path: Path) -> float:
-        """One step of the `path`; returns `_misfits` of its point, of the equations without layer or barrier (N)."""
-        path.step(self.direction)
-        self._at = path.point
-        misfit = self._misfits([self._at])[0]
-        near = path.kind == "softening" or self._relative(misfit) < NEAR
-        self._trying = path.ready and near and not path.failed
-        return misfit
-
-    def _go_back(self) -> None:
-        """Go back to where the path was left, and go on along it, as Newton's own steps do not converge. Collective."""
-        assert self._path
-        self._trying, self._at = False, self._path.point
-        self._path.go_on()
-        self._misfit = self._misfits([self._at])[0]
-
-    @property
-    def _takes_full_steps(self) -> bool:
-        """Whether steps are full even if they gain nothing."""
-        return not self._path and not self._stalled and len(self.history) < self._full_until
-
-    def _next_path(self) -> bool:
-        """Begin the next path and return True. If none is left, go to the end of the path on which bodies moved
-        farthest, whose imbalance shows which bodies drift, and return False. Collective."""
-        if self._path:
-            self._ends.append(self._path.point)
-        if not self._paths:
-            self._at = max(
-                self._ends, key=lambda end: self.space.largest(self.joint.rigid.spread(end.alpha))
-            )
-            return False
-        self._path = self._paths.pop(0)(self.joint, self._c, self._before)
-        return True
+        looked = self._measured(Point(s, r, alpha, self.joint.imbalance(s, alpha)))
+        return looked._replace(error=at.error, guess=at.guess)
 
     def _settle(self) -> None:
         """Move the forces onto their bounds, so that they obey all of them exactly; forces that are rounding become
-        zero."""
-        s, r, *_ = self._at
-        s = self._laws.settle(s, self._laws.active_sets(s - self._c * r))
-        for _, entries in self.space.with_slices():
+        zero. Collective."""
+        space, (s, r, *_) = self.joint.space, self._at.point
+        s = space.laws.settle(s, space.laws.active_sets(s - self.preconditioner.c * r))
+        for _, entries in space.with_slices():
             if np.abs(s[entries]).max(initial=0.0) <= self.nothing:
                 s[entries] = 0.0
-        self._at = self._at._replace(s=s)
-        self._settled = True
+        self._move(self._at.point._replace(s=s))
 
-    @property
-    def _by(self) -> Regularisation:
-        """How the linear problem of the next step is steered, and how precisely it is solved."""
-        if self._path:
-            return self._path.by
-        return Regularisation(
-            shared=self._shared,
-            forcing=forcing([step.residual for step in self.history], self._in_space),
-        )
+    def _move(self, point: Point) -> None:
+        """Go to a point whose gaps must still follow. Collective."""
+        self._at = self._at._replace(point=point, size=self._size(point.s), misfit=None)
 
-    def _note(self, residual: float, update: float, stage: str = "") -> None:
-        step = Step(
-            len(self.history) + 1,
-            update,
-            residual,
-            self._by.forcing,
-            self.joint.multiplications(),
-            stage,
-        )
-        self.history.append(step)
-        self.report(step)
+    def _measured(self, point: Point) -> Iterate:
+        """The iterate at a point. Collective."""
+        return Iterate(point, self._size(point.s), self._misfits([point])[0])
 
-    def _relative(self, residual: float) -> float:
-        size = self._size()
-        return residual / size if size else 0.0
-
-    def _size(self) -> float:
-        """The size (N) with which forces are compared: their own, or the least."""
-        return max(self._norm(), self._least_size)
-
-    def _norm(self) -> float:
-        """‖s‖ (N), with one reduction for each iterate."""
-        if self._measured[0] is not self._at.s:
-            self._measured = self._at.s, self.space.norm(self._at.s)
-        return self._measured[1]
+    def _size(self, s: np.ndarray) -> float:
+        """The size (N) with which forces are compared: their own, or the least. Collective."""
+        return max(self.joint.space.norm(s), self._least[1])
 
     def _misfits(self, points: Iterable[Point]) -> list[float]:
         """The norms (N) of the residuals of all equations at some points.
 
         The residuals are s − P(s − c r) and e − G s − K α. All points in one reduction. Collective.
         """
-        points = list(points)
-        contact = self.space.norms([s - self._laws.project(s - self._c * r) for s, r, *_ in points])
+        points, space, c = list(points), self.joint.space, self.preconditioner.c
+        contact = space.norms([s - space.laws.project(s - c * r) for s, r, *_ in points])
         return [
             math.hypot(of_laws, norm(point.left))
             for of_laws, point in zip(contact, points, strict=True)
         ]
 
-    def _newton_step(self, misfit: float) -> float:
-        """Solve for the forces that the active sets of the iterate imply, and go towards them as far as it helps.
-
-        It takes and returns `_misfits` of the iterate (N).
-        """
-        change = None
-        if (
-            self._modelled and not self._path and not self._stalled % 2
-        ):  # every other stalled step has no model
-            change = self._modelled.step(
-                self._at, self._relative(misfit), self._size(), self._start, self._warm
-            )
+    def _newton_step(self, at: Iterate, by: Regularisation, stalled: int, full: bool) -> Iterate:
+        """Go towards the forces that the active sets of the iterate imply, as far as it helps, or `full` steps.
+        Collective."""
+        model, change = self._modelled, None
+        if model and not by.precise and not stalled % 2:  # every other stalled step has no model
+            change = model.step(at.point, at.residual, at.size, at.guess)
         if change is None:
-            if self._rough:  # which may be why the model failed
-                misfit = self._look()
-            s, r, *_ = self._at
-            active = self._laws.active_sets(s - self._c * r)
-            if self._start:  # guess the active sets
-                active = self._laws.sticking(*self._first_guess())
-            linearised = Linearised.of(self._laws.linearise(active))
-            if self._start:  # slip bounds do not follow guessed pressures
-                linearised = linearised.frozen(0.0 * s)
-            # Nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it, for the new
-            # forces s + move + E y. Both tangents of a node have the same κ/c, so it needs no turning.
-            move, layer = linearised.move(s), linearised.spring / self._c
-            change = self.direction(self._at, linearised, move, -layer * (s + move), layer)
-        misfit, length = self._length(misfit, change)
-        self._at = self._at.along(change, length)
-        return misfit
+            if model and model.rough:  # which may be why the model failed
+                at = self._look(at)
+            change = self.direction(at.point, *self._linearised(at), by=by)
+        misfit, length = self._length(at, change, GROWTH if full else GAIN)
+        point = at.point.along(change, length)
+        return Iterate(point, self._size(point.s), misfit)
+
+    def _linearised(self, at: Iterate) -> tuple[Linearised, np.ndarray, np.ndarray, np.ndarray]:
+        """What `direction` takes, for the status of nodes that the iterate has. Collective."""
+        space, c, (s, r, *_) = self.joint.space, self.preconditioner.c, at.point
+        if at.guess:  # slip bounds do not follow guessed pressures
+            active = space.laws.sticking(*self._first_guess(at))
+            linearised = Linearised.of(space.laws.linearise(active)).frozen(0.0 * s)
+        else:
+            active = space.laws.active_sets(s - c * r)
+            linearised = Linearised.of(space.laws.linearise(active))
+        # Nodes that slip in space turn their friction against springs κ/c: r + (κ/c) s = 0 across it, for the new
+        # forces s + move + E y. Both tangents of a node have the same κ/c, so it needs no turning.
+        move, layer = linearised.move(s), linearised.spring / c
+        return linearised, move, -layer * (s + move), layer
 
     def direction(
         self,
@@ -478,6 +444,7 @@ class Newton(Outer):
         change: np.ndarray,
         wanted: np.ndarray,
         layer: np.ndarray,
+        by: Regularisation,
     ) -> Point:
         """The change of `point` with which r + D y = `wanted` along unknown forces, and G s + K α = e.
 
@@ -487,23 +454,21 @@ class Newton(Outer):
         change : (size,) first change of the forces (N); y comes on top of it
         wanted : (size,) right-hand side (m): μ/s of a barrier μ, −D s of springs
         layer : D (size,) in m/N, in the turned frames of the unknown forces
+        by : what steers, and the precision
 
         Collective. Raises SolverError.
         """
-        joint, rigid, space = self.joint, self.joint.rigid, self.space
+        joint, rigid, space = self.joint, self.joint.rigid, self.joint.space
         alpha, C_change = np.zeros(rigid.size), np.zeros_like(change)
         problem, y = None, np.zeros(linearised.number)
-        if (self._path and rigid.size) or space.any(
-            np.ones(linearised.number)
-        ):  # springs let free bodies move
-            by = self._by
+        # springs let free bodies move
+        if (by.precise and rigid.size) or space.any(np.ones(linearised.number)):
             direct = self.direct.direction(point, linearised, change, wanted, layer, by)
             if direct is not None:
                 return direct
-            problem = LinearProblem(joint, self._preconditioner, linearised, layer, by)
-            if (
-                rigid.size
-            ):  # forces that balance the loads with the least energy of half-spaces; then h = 0
+            problem = LinearProblem(joint, self.preconditioner, linearised, layer, by)
+            if rigid.size:
+                # forces that balance the loads with the least energy of half-spaces; then h = 0
                 y, alpha = problem.precondition(
                     np.zeros_like(y), joint.imbalance(point.s + change, point.alpha)
                 )
@@ -525,30 +490,26 @@ class Newton(Outer):
         left = joint.imbalance(point.s + change, point.alpha + alpha) - point.left
         return Point(change, C_change - rigid.spread(alpha), alpha, left)
 
-    def _length(self, misfit: float, change: Point) -> tuple[float, float]:
-        """The smallest misfit (N) and the length of the step to it; those of the full step if it gains enough."""
+    def _length(self, at: Iterate, change: Point, most: float) -> tuple[float, float]:
+        """The smallest misfit (N) and the length of the step to it; those of the full step if this leaves at most the
+        fraction `most`."""
 
         def misfits(lengths: Sequence[float]) -> list[float]:
-            return self._misfits(self._at.along(change, length) for length in lengths)
+            return self._misfits(at.point.along(change, length) for length in lengths)
 
-        full = misfits(
-            LENGTHS[:1]
-        )  # r is linear in s, so that no length takes another product with C
-        if self._start or full[0] <= (GROWTH if self._takes_full_steps else GAIN) * misfit:
+        assert at.misfit is not None
+        # r is linear in s, so that no length takes another product with C
+        full = misfits(LENGTHS[:1])
+        if at.guess or full[0] <= most * at.misfit:
             return full[0], LENGTHS[0]
         return min(zip(full + misfits(LENGTHS[1:]), LENGTHS, strict=True))
 
     def body_forces(self) -> list[np.ndarray]:
-        return self.joint.exchange.spread(self._at.s)
+        return self.joint.exchange.spread(self.forces)
 
     def linearisation(self) -> Linearisation:
         """The equations at the present forces, for the derivatives of the answer. Collective."""
-        return Linearisation(self.joint, self._preconditioner, self._at, self._c)
-
-    @property
-    def gaps(self) -> np.ndarray:
-        """(size,) the gaps under the present forces (m)."""
-        return self._at.r
+        return Linearisation(self.joint, self.preconditioner, self._at.point)
 
     def negligible(self, fraction: float, tolerance: float) -> float:
         """This fraction of the largest force, or what the `tolerance` allows forces that are smaller than the least
@@ -556,32 +517,34 @@ class Newton(Outer):
 
         Forces that would close the gaps themselves tell nothing: stiff bodies far apart have small forces beside them.
         """
-        return max(fraction * self.space.largest(self._at.s), tolerance * self._least_size)
+        return max(fraction * self.joint.space.largest(self.forces), tolerance * self._least[1])
 
     def shift(self, way: np.ndarray, tolerance: float) -> None:
         """Move the bodies on by the motions `way` (rigid.size,), which no force resists; stay where the equations would
         hold neither to the `tolerance` nor as well as before. Collective."""
-        s, r, alpha, _ = self._at
+        at, (s, r, alpha, _) = self._at, self._at.point
         alpha = alpha + way
         moved = Point(s, r - self.joint.rigid.spread(way), alpha, self.joint.imbalance(s, alpha))
-        before, after = self._misfits([self._at, moved])
-        if after <= max(before, tolerance * self._size()):
-            self._at, self._misfit = moved, None
+        before, after = self._misfits([at.point, moved])
+        if after <= max(before, tolerance * at.size):
+            self._move(moved)
 
     def refresh(self, u: list[np.ndarray]) -> None:
         """Nothing to do: the gaps are computed afresh where the iteration goes on."""
 
     def state(self) -> dict[str, Any]:
-        return self._at._asdict() | {
-            "least": (self._wanted, self._least_size),
+        return self._at.point._asdict() | {
+            "least": self._least,
+            "error": self._at.error,
             "inner_steps": dict(self.inner_steps),
             "long": self.direct.long,
             "history": tuple(self.history),
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._at = Point(*(state[name] for name in Point._fields))
-        self._wanted, self._least_size = state["least"]
+        self._least = tuple(state["least"])
+        self._at = self._at._replace(error=state["error"], guess="")
+        self._move(Point(*(state[name] for name in Point._fields)))
         self.direct.long = state["long"]
         self.inner_steps.update(state["inner_steps"])  # in which the model counts, too
         self.history = [Step(*row) for row in state["history"]]

@@ -51,7 +51,7 @@ class Outer(Protocol):
 
     history: list[Step]
     inner_steps: dict[str, int]
-    checkpoint: Callable[[], None]
+    checkpoint: Callable[[], None] = staticmethod(lambda: None)
 
     @property
     def forces(self) -> np.ndarray: ...

@@ -15,7 +15,8 @@ hinges and zones that stick shrink gradually, and the active sets of one stage n
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -24,6 +25,7 @@ from ddmpi.coupling.coarse import CoarseSystem
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.interface.law import across, direction
 from ddmpi.methods.krylov import Linearised, Regularisation
+from ddmpi.petsc.events import event
 from ddmpi.sets import cone_exit, cone_room, dots, magnitude
 from ddmpi.system.numbers import norm
 
@@ -84,11 +86,34 @@ UNSEEN = 1e-10
 
 
 Solve = Callable[..., Point]
-"""`Newton.direction`: solve(point, linearised, change, wanted, layer)."""
+"""`Newton.direction` with the `by` of a path: solve(point, linearised, change, wanted, layer)."""
 
 
-class Softening:
-    """The path of a layer that gets harder; it begins at zero forces.
+class Station(NamedTuple):
+    """A point of a path after a step.
+
+    Attributes
+    ----------
+    stage : of the step, in words
+    near : Newton's own steps are worth trying where the residual is below this
+    """
+
+    point: Point
+    stage: str
+    near: float
+
+
+class Path:
+    """A path of easier problems.
+
+        >>> from functools import partial
+        >>> from ddmpi.methods.newton import Newton
+        >>> joint = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD).solved.assembly.joint
+        >>> newton = Newton(joint, max_iterations=20)
+        >>> path = Softening(joint, newton.preconditioner.c)
+        >>> stations = path.points(partial(newton.direction, by=path.by))
+        >>> [next(stations).stage for _ in range(3)]
+        ['layer 1e+03', 'layer 1e+03', 'layer 1e+02']
 
     Parameters
     ----------
@@ -98,15 +123,43 @@ class Softening:
 
     Attributes
     ----------
+    by : how its linear problems are steered, and how precisely they are solved
     point : the iterate
-    ready : whether Newton's own steps are worth trying from it
-    failed : whether the path has failed
-    by : how its linear problems are steered, and how precisely they are solved; with a forcing of 1e-3 slender bodies
-        would go where errors push them
+    stage : of the next step, in words
+    near : as of `Station`
+    failed : whether the path leads no farther
     """
 
-    kind = "softening"
+    by: Regularisation
+    point: Point
+    near: float
+    failed: bool
+
+    @property
+    def stage(self) -> str:
+        raise NotImplementedError
+
+    def step(self, solve: Solve) -> None:
+        """One step. Collective; raises what `solve` raises."""
+
+    def go_on(self) -> None:
+        """Begin what comes next, where Newton's own steps have not converged from the point of the last step."""
+
+    def points(self, solve: Solve) -> Iterator[Station]:
+        """The stations, one after each step. Collective; raises what `solve` raises."""
+        while not self.failed:
+            stage = self.stage
+            with event("NewtonStep"):
+                self.step(solve)
+            yield Station(self.point, stage, 0.0 if self.failed else self.near)
+            self.go_on()
+
+
+class Softening(Path):
+    """The path of a layer that gets harder; it begins at zero forces."""
+
     by = Regularisation(forcing=1e-4, precise=True)
+    """With a forcing of 1e-3 slender bodies would go where errors push them."""
 
     def __init__(self, joint: Joint, c: np.ndarray, before: float = 0.0) -> None:
         self._joint, self._space, self._laws, self._c = joint, joint.space, joint.space.laws, c
@@ -122,20 +175,19 @@ class Softening:
         """Begin a stage."""
         self._steps = self._idle = 0
         self._residual = self._smallest = np.inf
-        self.ready = self.failed = False
+        self._settled, self.near, self.failed = False, 0.0, False
 
     @property
     def stage(self) -> str:
         return f"layer {self._delta:.0e}"
 
     def go_on(self) -> None:
-        """Begin the next stage, as Newton's own steps have not converged."""
-        self._delta *= HARDER
-        self._begin()
-        self.failed = self._delta < 0.5 * HARDEST
+        if self._settled:  # the next stage
+            self._delta *= HARDER
+            self._begin()
+            self.failed = self._delta < 0.5 * HARDEST
 
     def step(self, solve: Solve) -> None:
-        """One step of the stage, or the first one of the next. Collective; raises what `solve` raises."""
         point, first = self.point, not self._last_delta
         if first:  # nodes that are closed at first stick
             active, q = self._laws.sticking(self._joint.first_closed()[0]), point.s
@@ -202,7 +254,7 @@ class Softening:
         return float(t[best])
 
     def _judge(self, change: Point, length: float) -> None:
-        """Decide after a step whether the stage is over, and the path ready or failed. Collective.
+        """Decide after a step whether the stage is settled, or the path has failed. Collective.
 
         Only a full step ends a stage: a shorter one ends where a node begins to slip or opens, so active sets change.
         """
@@ -218,26 +270,23 @@ class Softening:
         # early stages need only lead near the next one; in late ones few nodes decide where a body goes
         late = self._delta <= LATE
         share = min(SETTLED_LATE, self._delta) if late else SETTLED
-        settled = length == 1.0 and self._residual <= share * size
-        if not settled:
-            still = not (
-                moved or norm(change.alpha)
-            )  # all nodes are open, and loose bodies fall onto nothing
+        self._settled = length == 1.0 and self._residual <= share * size
+        if not self._settled:
+            # all nodes are open, and loose bodies fall onto nothing
+            still = not (moved or norm(change.alpha))
             self.failed = still or self._idle >= STUCK or self._steps >= MOST_STEPS
         elif self._delta <= STIFF:
-            self.ready = True
-        else:
-            self.go_on()
+            self.near = np.inf
 
 
-class InteriorPoints:
+class InteriorPoints(Path):
     """The path of interior points. It begins at equal normal forces, together as large as `_first_force`.
 
     The start is inside all bounds and has the gaps and slips of its forces, so that a belt that a clamp drags along
-    slides from the first step on. Parameters and attributes as for `Softening`. Collective.
+    slides from the first step on. Collective.
     """
 
-    kind = "interior points"
+    near = NEAR
     by = Regularisation(springs=1e-6, shared=LOOSELY, forcing=INEXACT, precise=True)
     """With the springs of Newton's method bodies would cross wide clearances too slowly: a step moves them by imbalance
     over spring. The barrier of each contact supports bodies, too."""
@@ -315,12 +364,6 @@ class InteriorPoints:
     def stage(self) -> str:
         return f"barrier {self._barrier:.0e}"
 
-    ready = True
-    """Newton's own steps are tried wherever the residual is below NEAR."""
-
-    def go_on(self) -> None:
-        """Nothing to do: the next step goes on."""
-
     def _bounds(self, s: np.ndarray) -> np.ndarray:
         """Slip bounds (N) and their slopes (2, k, 1) at the nodes with friction, under the forces s (size,)."""
         bounds = [
@@ -355,7 +398,6 @@ class InteriorPoints:
         return float(work / max(number, 1.0))
 
     def step(self, solve: Solve) -> None:
-        """One step. Collective; raises what `solve` raises."""
         normal, rows, w = self._normal, self._rows, self._w
         point, s = self.point, self.point.s
         mean, (g, slope), v, y = self._mean(s), self._bounds(s), self._slip, self._most
@@ -411,6 +453,3 @@ class InteriorPoints:
         self._idle = 0 if length > min(self._longest, LONG) else self._idle + 1
         self._longest = max(self._longest, length)
         self.failed = self._steps >= MOST_POINTS or self._idle >= IDLE or not np.isfinite(fastest)
-
-
-Path = Softening | InteriorPoints

@@ -12,7 +12,6 @@ bit for bit, because both add the same two vectors. Each body solves a QP and a 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -172,7 +171,6 @@ class PublishedIteration(Outer):
             FIXED_PRECISION if method.inner_precision == "fixed" else method.inner_precision
         )
         self.history: list[Step] = []
-        self.checkpoint: Callable[[], None] = lambda: None
         (self.interface,) = assembly.member.interfaces
         space = Space([self.interface])
         self._laws, self._lead, self._owned = space.laws, lead, slice(assembly.space.size)

@@ -44,18 +44,17 @@ def question(newton: Newton) -> tuple:
     joint, rng = newton.joint, np.random.default_rng(5)
     assert newton.run(1e-8) == "converged" and not newton.direct.long
     spread = (0.7, 1.3) if joint.rigid.size else (0.2, 2.0)
-    point = newton._at._replace(s=newton.forces * rng.uniform(*spread, joint.size))
+    point = newton._at.point._replace(s=newton.forces * rng.uniform(*spread, joint.size))
     point = point._replace(
         r=joint.product(point.s, "newton") - joint.d - joint.rigid.spread(point.alpha),
         left=joint.imbalance(point.s, point.alpha),
     )
-    linearised = Linearised.of(
-        newton._laws.linearise(newton._laws.active_sets(point.s - newton._c * point.r))
-    )
+    laws, c = joint.space.laws, newton.preconditioner.c
+    linearised = Linearised.of(laws.linearise(laws.active_sets(point.s - c * point.r)))
     assert linearised.coupling.any() and (joint.space.interfaces[0].dimension == 2) == (
         linearised.turn is None
     )
-    layer = rng.uniform(0.0, 1.0, joint.size) / newton._c
+    layer = rng.uniform(0.0, 1.0, joint.size) / c
     move, wanted = linearised.move(point.s), rng.standard_normal(joint.size) * np.abs(joint.d).max()
     return point, linearised, move, wanted, layer
 
@@ -80,7 +79,7 @@ def test_a_direction_by_gmres_solves_its_equations(scene):
     """As precisely as the forcing says, 1e-3."""
     newton = Newton(prepare_scene(MPI.COMM_SELF, scene()).joint, 60)
     asked = question(newton)
-    check(newton, asked, newton.direction(*asked), 1e-2)
+    check(newton, asked, newton.direction(*asked, Regularisation()), 1e-2)
 
 
 @SCENES

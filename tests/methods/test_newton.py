@@ -257,8 +257,8 @@ def test_only_what_the_scene_requires_is_multiplied():
     assert counts["smooth"]["newton"] < counts["rough"]["newton"]
 
 
-@pytest.mark.parametrize("path", [Softening, InteriorPoints])
-def test_each_path_alone_leads_to_the_same_answer(comm, monkeypatch, path):
+@pytest.mark.parametrize(("path", "word"), [(Softening, "layer"), (InteriorPoints, "barrier")])
+def test_each_path_alone_leads_to_the_same_answer(comm, monkeypatch, path, word):
     """Newton's method is left before its first step: softening, or interior points, have to do it."""
     for law in ("coulomb", "tresca", "none"):
         assembly = prepare_scene(comm, pinched_blocks(6, law))
@@ -269,7 +269,6 @@ def test_each_path_alone_leads_to_the_same_answer(comm, monkeypatch, path):
             answer = solve(assembly)
             outer = answer.outer
         assert answer.certified, (law, answer.reason)
-        word = {"softening": "layer", "interior points": "barrier"}[path.kind]
         assert [step.stage.split()[0] for step in outer.history if step.stage][:4] == [word] * 4
         assert len(outer.history) <= 25
         assert outer.forces == pytest.approx(

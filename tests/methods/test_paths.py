@@ -1,5 +1,6 @@
 """The paths to where Newton's method converges: their energy, their ends, and the scenes that need them."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import assembly_scenes
@@ -16,7 +17,7 @@ from ddmpi.coupling.assembly import prepare
 from ddmpi.coupling.joint import Point
 from ddmpi.methods import newton
 from ddmpi.methods.krylov import Regularisation
-from ddmpi.methods.paths import InteriorPoints, Softening
+from ddmpi.methods.paths import InteriorPoints, Softening, Station
 from ddmpi.run.solve import solve
 from ddmpi.scene.reader import read_scene
 
@@ -435,14 +436,7 @@ def force(scene: dict) -> tuple[list[float], list[str]]:
 class Stuck:
     """A path that ends in the air, `way` up from where the bodies have been."""
 
-    kind, stage, by, ready, failed, way = (
-        "softening",
-        "stuck",
-        Regularisation(precise=True),
-        False,
-        True,
-        0.0,
-    )
+    by, way = Regularisation(precise=True), 0.0
 
     def __init__(self, joint, c, before) -> None:
         s, alpha = np.zeros(joint.size), np.zeros(joint.rigid.size)
@@ -451,9 +445,8 @@ class Stuck:
             s, -joint.d - joint.rigid.spread(alpha), alpha, joint.imbalance(s, alpha)
         )
 
-    def step(self, solve) -> None: ...
-
-    def see(self, residual) -> None: ...
+    def points(self, solve) -> Iterator[Station]:
+        yield Station(self.point, "stuck", 0.0)
 
 
 @pytest.mark.parametrize("way, ending", [(-1e-3, "stalled"), (1e-3, "drift")])

@@ -3,6 +3,7 @@
 import contextlib
 import itertools
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 from typing import cast
 
@@ -11,6 +12,7 @@ import pytest
 import scipy.sparse as sparse
 from mpi4py import MPI
 
+import ddmpi.methods.newton
 import ddmpi.methods.paths
 from ddmpi.coupling.coarse import CoarseSystem, CrossPoints, Motions
 from ddmpi.coupling.exchange import Exchange
@@ -115,7 +117,7 @@ def turned(joint: Dense, turns: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("path", [None, Softening])
 @pytest.mark.parametrize("seed", range(5))
-def test_friction_in_space_finds_its_direction(seed, path):
+def test_friction_in_space_finds_its_direction(seed, path, monkeypatch):
     """Vectors of friction: few steps, by Newton's method or through a layer, and the same whatever the tangents are."""
     joint = random_joint(seed, m=10, coefficient=0.4, components=2)
     joint.C, joint.d[:10] = (
@@ -124,11 +126,13 @@ def test_friction_in_space_finds_its_direction(seed, path):
     )  # held well, so that the answer is one
     Q = turned(joint, np.random.default_rng(1).uniform(0.0, 6.0, 10))
     found = []
+    if path:
+        monkeypatch.setattr(ddmpi.methods.newton, "PATIENCE", 0)
+        monkeypatch.setattr(ddmpi.methods.newton, "PATHS", (path,))
     for each in (joint, Dense(Q.T @ joint.C @ Q, Q.T @ joint.d, 0.4, components=2)):
         newton = Newton(each, 40)
-        if path:
-            newton._path = path(each, newton._c)
         assert newton.run(1e-10) == "converged" and len(newton.history) <= (30 if path else 12)
+        assert bool(newton.history[0].stage) == bool(path)
         found.append(newton.forces)
     s, r = found[0], joint.C @ found[0] - joint.d
     law = joint.space.interfaces[0].law
@@ -197,31 +201,19 @@ def test_softening_leaves_bonds_as_they_are():
     (interface,) = joint.space.interfaces
     joint.space = Space([replace(interface, law=BondedLaw(6, np.arange(6), 1))])
     newton = Newton(joint, 40)
-    path = Softening(joint, newton._c)
-    path.step(newton.direction)
-    assert path.point.s == pytest.approx(np.linalg.solve(joint.C, joint.d), rel=1e-2)
-
-
-def residuals(newton: Newton) -> list[float]:
-    """Norms of the residual (N) before every step, for the forces' present size does not count here."""
-    found: list[float] = []
-    iterate = newton._iterate
-
-    def noted(tolerance: float) -> None:
-        found.append(newton._misfit)
-        iterate(tolerance)
-
-    newton._iterate = noted
-    assert newton.run(1e-8) == "converged"
-    return found
+    path = Softening(joint, newton.preconditioner.c)
+    station = next(path.points(partial(newton.direction, by=path.by)))
+    assert station.point.s == pytest.approx(np.linalg.solve(joint.C, joint.d), rel=1e-2)
 
 
 @pytest.mark.parametrize(("m", "seed"), [(6, 9), (6, 10), (10, 4), (10, 5), (10, 9)])
 def test_no_step_makes_the_residual_larger(m, seed):
     """Full steps would, in these problems: up to sixfold."""
-    _, *others = residuals(Newton(random_joint(seed, m), 60))
-    assert len(others) >= 4
-    assert all(after <= before for before, after in itertools.pairwise(others))
+    misfits: list[float] = []  # (N), as the forces' present size does not count here
+    newton = Newton(random_joint(seed, m), 60, lambda _: misfits.append(newton._at.misfit))
+    assert newton.run(1e-8) == "converged"
+    assert len(misfits) >= 5
+    assert all(after <= before for before, after in itertools.pairwise(misfits))
 
 
 def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
@@ -230,12 +222,12 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
     assert newton.run(1e-10) == "converged"
     exact = newton.forces
     s = exact + rng.standard_normal(len(exact))
-    newton._at = at = Point(s, joint.C @ s - joint.d, joint.e, joint.e)
+    at = newton._measured(Point(s, joint.C @ s - joint.d, joint.e, joint.e))
 
     def length(change: np.ndarray) -> float:
         step, ways = Point(change, newton.joint.C @ change, joint.e, joint.e), (*LENGTHS, 0.0)
-        norms.update(zip(ways, newton._misfits(at.along(step, t) for t in ways), strict=True))
-        norm, way = newton._length(norms[0.0], step)
+        norms.update(zip(ways, newton._misfits(at.point.along(step, t) for t in ways), strict=True))
+        norm, way = newton._length(at, step, GAIN)
         assert norm == norms[way]
         return way
 

@@ -372,7 +372,7 @@ def test_results_that_cannot_be_written_leave_a_checkpoint(
         error = kind("the disk is full")
         error.agreed = True
         raise error
-    monkeypatch.setattr(Newton, "_iterate", None)
+    monkeypatch.setattr(Newton, "_newton_step", None)
     assert run(comm, scene, shared, restart=True) == reference
 
 
@@ -417,7 +417,7 @@ def test_motions_that_loads_drive_stay_released(comm, shared, monkeypatch):
         error.agreed = True
         raise error
     assert checkpoints._now["iteration"]["released"]
-    monkeypatch.setattr(Newton, "_iterate", None)
+    monkeypatch.setattr(Newton, "_newton_step", None)
     assert run(comm, scene, shared, restart=True)["arrays"] == reference["arrays"]
 
 
