@@ -264,6 +264,13 @@ MUTANTS = [
         ),
         # mesh, body, surface: meshes that lie
         (
+            "numbers of nodes that no integer is are handed on to meshio",
+            "mesh/nodes",
+            "except RuntimeWarning:",
+            "except FloatingPointError:",
+            "mesh/test_lost_nodes.py::test_numbers_that_no_integer_is_end_in_a_message",
+        ),
+        (
             "numbers below the first node are taken",
             "mesh/nodes",
             "(nodes < 0) | (nodes >= len(raw.points))",
@@ -764,6 +771,13 @@ MUTANTS = [
             f"{TOGETHER}::test_a_curved_face_slides_on_a_cylinder",
         ),
         (
+            "heat is lost where one material does not expand",
+            "decks/acting",
+            "grows = any(expansions.values())",
+            "grows = all(expansions.values())",
+            "decks/test_together.py::test_heat_of_a_body_whose_materials_do_not_all_expand",
+        ),
+        (
             "a form feed ends a line",
             "decks/cards",
             "re.split('\\r\\n?|\\n', text)",
@@ -853,6 +867,13 @@ MUTANTS = [
             "inside = None if card.word == 'ENDSTEP' else inside\n        if inside is not None:",
             "inside = None if card.word == 'ENDSTEP' else inside\n        if False:",
             f"{DECKS}::test_bad_decks",
+        ),
+        (
+            "a weight in the same direction is said to add",
+            "decks/model",
+            "one[:3] == key and one[3] != way and load.value",
+            "one[:3] == key and load.value",
+            "decks/test_together.py::test_a_weight_replaces_that_of_the_step_before_in_its_direction_alone",
         ),
         (
             "an existing scene is overwritten",
@@ -2419,6 +2440,13 @@ MUTANTS = [
             "methods/test_steps.py::test_softening_leaves_bonds_as_they_are",
         ),
         (
+            "interior points begin inside their cones in metres alone",
+            "methods/paths",
+            "self._most = SPARE * magnitude(self._slip)[:, None] + ",
+            "self._most = SPARE + ",
+            "methods/test_steps.py::test_interior_points_begin_inside_their_cones_in_any_unit",
+        ),
+        (
             "friction does not turn in space",
             "interface/law",
             "unknown[:, 1:] |= turns[:, None]",
@@ -2622,6 +2650,13 @@ MUTANTS = [
             "return (both[0] / both[1], ",
             "return (both[0] / both[0], ",
             "body/test_singular.py::test_the_true_cause_is_named",
+        ),
+        (
+            "of thin cells the best one is named",
+            "body/singular",
+            "worst = int(ratio.argmax())",
+            "worst = int(ratio.argmin())",
+            "body/test_singular.py::test_the_thinnest_cell_is_named",
         ),
         (
             "a dense compliance judges itself",
@@ -3548,6 +3583,13 @@ MUTANTS = [
             "sweep/test_sweep.py::test_no_case_is_started_after_a_signal",
         ),
         (
+            "a sweep ends as none of its cases",
+            "sweep/sweep",
+            "if kind.exit_code in exits",
+            "if not kind.exit_code in exits",
+            "sweep/test_verdict.py",
+        ),
+        (
             "another sweep's folder accepted",
             "sweep/table",
             "    if differing:\n",
@@ -3802,6 +3844,13 @@ EQUIVALENT = [
             "MOST = 1024",
             "MOST = 1025",
             "Numbers of steps are powers of two wherever MOST is looked at.",
+        ),
+        (
+            "bonds that join nothing else are looked at, too",
+            "coupling/space",
+            "ends[times > 1]",
+            "ends[times >= 1]",
+            "A bond whose nodes no other contact has is a piece of its own, which connects nothing that another contact has.",
         ),
     )
 ]

@@ -213,22 +213,22 @@ class Quick:
         A few of each file come first, those of the file whose tests take least before others, then the rest of all
         files, and last tests on several ranks.
         """
-        reaching = [
-            name
+        reaching = {
+            name: mutant.line in test["lines"][mutant.file]
             for name, test in self.tests.items()
-            if mutant.line in test["lines"].get(mutant.file, ())
-        ]
-        if len(reaching) < LEAST:
-            reaching = [name for name, test in self.tests.items() if mutant.file in test["lines"]]
+            if mutant.file in test["lines"]
+        }
+        if sum(reaching.values()) >= LEAST:
+            reaching = {name: True for name, reaches in reaching.items() if reaches}
         by_file: dict[str, list[str]] = defaultdict(list)
         for name in sorted(reaching, key=lambda name: self.tests[name]["seconds"]):
             by_file[name.partition("::")[0]].append(name)
 
-        def place(name: str) -> tuple[int, float, str]:
+        def place(name: str) -> tuple[bool, int, float, str]:
             file = name.partition("::")[0]
             turn = 2 if re.search(r"\[\d\b", name) else int(name not in by_file[file][:FEW])
             seconds = [self.tests[other]["seconds"] for other in by_file[file][:FEW]]
-            return turn, sum(seconds) / len(seconds), file
+            return not reaching[name], turn, sum(seconds) / len(seconds), file
 
         ordered = sorted(reaching, key=place)
         spent = itertools.accumulate(self.tests[name]["seconds"] for name in ordered)
