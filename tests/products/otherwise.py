@@ -1,4 +1,4 @@
-"""Scenes of the matrix said otherwise: with the lists in another order, cut by a bond, in other units, and turned.
+"""Scenes of the matrix said otherwise: with lists in another order, cut by a bond, in other units, turned and elsewhere.
 
 What a scene promises does not change; `Seen` brings the answer back to the words of the promise.
 """
@@ -16,6 +16,9 @@ from kinds import Kind, turned
 LENGTH, STRESS = 1000.0 / 25.4, 1.45e-4
 """Other units: so many inches are a metre, and so many psi a pascal."""
 
+SHIFT = np.array([117.3, -61.9, 43.7])
+"""Another place, in the other length; around an axis along the axis alone."""
+
 TURN = {2: turned(37.0)[:2, :2], 3: turned(37.0, (0.3, -0.5, 0.8))}
 
 FOOT = "foot"
@@ -30,12 +33,14 @@ class Seen:
     ----------
     length, force : units; moments are products of both
     turn : (d, d) from the promise to the scene
+    shift : (d,) where the origin of the promise is, in the units of the scene
     cut : whether the block has a foot
     """
 
     length: float = 1.0
     force: float = 1.0
     turn: np.ndarray | None = None
+    shift: np.ndarray | None = None
     cut: bool = False
 
     def units(self, key: str) -> float:
@@ -58,12 +63,21 @@ class Seen:
         found: Any = summary
         for part in key.replace(".sum", ".reaction").split("."):
             found = found[part]
-        found = np.atleast_1d(found) / self.units(key)
+        found = np.atleast_1d(found)
+        if self.shift is not None and key.endswith(".moment") and found.any():
+            force: Any = summary
+            for part in key.replace(".moment", ".force").split("."):
+                force = force[part]
+            found = found - np.cross(self.shift, force)
+        found = found / self.units(key)
         vector = self.turn is not None and len(found) == len(self.turn)
         return self.turn.T @ found if vector else found
 
     def points(self, points: np.ndarray) -> np.ndarray:
-        """Also displacements."""
+        return self.vectors(points if self.shift is None else points - self.shift)
+
+    def vectors(self, points: np.ndarray) -> np.ndarray:
+        """Of lengths."""
         return (points if self.turn is None else points @ self.turn) / self.length
 
 
@@ -159,6 +173,33 @@ def in_units(scene: dict, kind: Kind, L: float, S: float) -> dict:
     return scene
 
 
+def moved(scene: dict, shift: np.ndarray) -> dict:
+    """Everything elsewhere, also in formulas."""
+    scene = copy.deepcopy(scene)
+
+    def move(table: dict, *keys: str) -> None:
+        for key in keys:
+            if key in table:
+                table[key] = (np.array(table[key]) + shift).tolist()
+
+    def places(value: Any) -> Any:
+        if isinstance(value, list):
+            return [places(each) for each in value]
+        if not isinstance(value, str):
+            return value
+        return re.sub(r"\b[xyz]\b", lambda at: f"({at[0]} - ({shift['xyz'.index(at[0])]}))", value)
+
+    for body in scene["body"]:
+        move(body["mesh"], "origin", "corners")
+        for entry in (*body.get("clamp", []), *body.get("traction", [])):
+            for key in ("x", "y", "z", "value") if isinstance(entry, dict) else ():
+                if key in entry:
+                    entry[key] = places(entry[key])
+    for rigid in scene.get("rigid", []):
+        move(rigid, "point", "center", "pivot")
+    return scene
+
+
 # Turned
 
 SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (-1, -1), "top": (-1, 1)}
@@ -245,7 +286,8 @@ def otherwise(scene: dict, kind: Kind) -> tuple[dict, Seen]:
     if (other := turn(scene, kind, TURN[kind.d])) is not None:
         # before units: corners of the turned block are scaled as the block is
         scene, seen.turn = other, TURN[kind.d]
-    scene = in_units(permuted(scene), kind, LENGTH, STRESS)
+    seen.shift = SHIFT[: kind.d] * (kind.up if kind.axis else 1.0)
+    scene = moved(in_units(permuted(scene), kind, LENGTH, STRESS), seen.shift)
     seen.length = LENGTH
     seen.force = STRESS * (LENGTH if kind.d == 2 and not kind.axis else LENGTH**2)
     return scene, seen

@@ -65,7 +65,7 @@ def as_promised(answer, case: Case, kind: Kind, seen: Seen) -> None:
             expected = exact(seen.points(fields.points))
             known = ~np.isnan(expected)
             size = np.abs(expected[known]).max(initial=0.0)
-            found = seen.points(fields.displacement)[known]
+            found = seen.vectors(fields.displacement)[known]
             assert found == pytest.approx(expected[known], abs=1e-7 * size), name
     if kind.steps:
         energy = answer.summary["energy"]
@@ -90,7 +90,7 @@ def test_a_feature_in_a_kind_of_scene(name, kind):
 
 @pytest.mark.parametrize(("name", "kind"), said_otherwise(), ids=str)
 def test_a_scene_that_is_said_otherwise_has_the_same_answer(name, kind):
-    """Lists in another order, other units, a block that is cut by a bond and all turned by 37 degrees change nothing."""
+    """Lists in another order, a cut by a bond, a turn by 37 degrees, other units and another place change nothing."""
     case = FEATURES[name](kind)
     scene, seen = otherwise(case.scene, kind)
     as_promised(certified(scene), case, kind, seen)
