@@ -467,6 +467,13 @@ MUTANTS = [
             "judge/test_overlap.py::test_sides_of_a_seam_that_pass_through_each_other_are_found_at_small_strains",
         ),
         (
+            "bodies pass each other between places that the least motion asks",
+            "judge/overlap",
+            "axis=1).max())\n    least",
+            "axis=1).min())\n    least",
+            "judge/test_overlap.py::test_a_thin_body_that_has_passed_another_one_is_found_however_it_bends",
+        ),
+        (
             "a loose piece is not told with its seam",
             "coupling/parts",
             "'; '.join([str(error), *warnings])",
@@ -2503,6 +2510,13 @@ MUTANTS = [
             "methods/test_newton.py::test_half_space_of_one_node",
         ),
         (
+            "smooth modes are left out",
+            "methods/half_space",
+            "if not length > 0.0:",
+            "if length > 0.0:",
+            "methods/test_cross_points.py::test_gmres_knows_edges_where_bricks_meet",
+        ),
+        (
             "bounds of the other role",
             "published/published",
             "slides = self.role != friction_role(algorithm)",
@@ -2515,6 +2529,13 @@ MUTANTS = [
             "d[self._normal] -= self.interface.gap",
             "pass",
             "published/test_subproblem.py::test_the_second_role_takes_the_gap",
+        ),
+        (
+            "Neumann solves are less precise where others are more",
+            "published/published",
+            "PASSING * self._precision",
+            "PASSING / self._precision",
+            "published/test_variants.py::test_iterative_compliances_take_as_many_iterations",
         ),
         (
             "rounding of an unloaded contact is a force",
@@ -3533,6 +3554,20 @@ MUTANTS = [
             f"{LEAN}::test_steps_without_displacements_are_those_with_them",
         ),
         (
+            "nodes of several contacts have a compliance by the inverse stiffness",
+            "coupling/member",
+            "(1.0 / ((2.0 - interface.on_rigid) * interface.stiffness)",
+            "(1.0 / ((2.0 - interface.on_rigid) / interface.stiffness)",
+            "methods/test_cross_points.py::test_gmres_knows_edges_where_bricks_meet",
+        ),
+        (
+            "a body has no team",
+            "coupling/ranks",
+            "return team if isinstance(team, Team) else None",
+            "return team if not isinstance(team, Team) else None",
+            "run/test_team.py::test_three_ranks_answer_as_one_for_each_body",
+        ),
+        (
             "what a lean certificate doubts is believed",
             "run/solve",
             "if solution is None or not solution.certified:",
@@ -3624,6 +3659,13 @@ MUTANTS = [
             '"exit": 0',
             "sweep/test_sweep.py::test_failing_cases_do_not_stop_the_others",
         ),
+        (
+            "a record of a case stands for its summary",
+            "sweep/table",
+            "if summary else _read_json(folder / RECORD)",
+            "if not summary else _read_json(folder / RECORD)",
+            "sweep/test_verdict.py",
+        ),
         # check, cli
         ("a bore is a shaft", "check/check", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
         (
@@ -3646,6 +3688,13 @@ MUTANTS = [
             "distance_to(self.middle[some], body.at)[1]",
             "distance_to(self.middle[some], body.at)[0]",
             "check/test_check.py::test_contacts_that_are_missing_are_proposed",
+        ),
+        (
+            "sides that face each other are looked for within 0.25 m",
+            "check/nearby",
+            "wide = NEAR * body.size.max()",
+            "wide = NEAR",
+            "check/test_check.py::test_sides_are_proposed_as_far_as_a_quarter_of_the_smaller_facet",
         ),
         (
             "numbers of a law are not said",
@@ -3851,6 +3900,34 @@ EQUIVALENT = [
             "ends[times > 1]",
             "ends[times >= 1]",
             "A bond whose nodes no other contact has is a piece of its own, which connects nothing that another contact has.",
+        ),
+        (
+            "MUMPS is given an order that it does not take",
+            "petsc/mumps",
+            "data.icntl[6], data.icntl[57] = (1, 2)",
+            "data.icntl[7], data.icntl[57] = (1, 2)",
+            "The order of the unknowns decides how much memory and time the factors take, and no answer.",
+        ),
+        (
+            "small entries of a trace count by themselves",
+            "interface/trace",
+            "ROUNDING * np.linalg.norm(along, axis=1)",
+            "ROUNDING",
+            "Weights of rows are at most 1: what is left out more is below 1e-12 of the row, rounding of the projection.",
+        ),
+        (
+            "a residual that is no number is corrected",
+            "body/solver",
+            "if not np.isfinite(residual) or attempt == REFINEMENTS:",
+            "if not np.isfinite(residual) and attempt == REFINEMENTS:",
+            "The loop ends after as many attempts by itself, and what is no number stays so: the same error.",
+        ),
+        (
+            "expansions that are one number may differ by direction",
+            "decks/acting",
+            "if kind[:3] != 'ISO' and np.ptp(values[:, :3], axis=1).any():",
+            "if np.ptp(values[:, :3], axis=1).any():",
+            "An isotropic expansion has one number a line, which differs from no other.",
         ),
     )
 ]
