@@ -1,13 +1,17 @@
 """Every feature in every kind of scene: what the program promises of them, by statics, closed forms and Hooke's law."""
 
 import gc
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from decked import as_deck
 from kinds import Kind
 from otherwise import FOOT, Seen, otherwise
 from promises import FEATURES, Case
 from scenes import assert_refused, certified
+
+from ddmpi.decks.scene import import_deck
 
 NAMES = ("strain", "stress", "plate", "axis", "space")
 
@@ -94,6 +98,40 @@ def test_a_scene_that_is_said_otherwise_has_the_same_answer(name, kind):
     case = FEATURES[name](kind)
     scene, seen = otherwise(case.scene, kind)
     as_promised(certified(scene), case, kind, seen)
+
+
+def through_decks() -> list:
+    """The scenes that a deck can have, of each feature one in the quick suite."""
+    found = []
+    for name, feature in FEATURES.items():
+        kinds = [Kind(kind, 2, False) for kind in NAMES]
+        kinds = [kind for kind in kinds if not feature(kind).refused]
+        kinds = [kind for kind in kinds if as_deck(feature(kind).scene, kind)]
+        for k, kind in enumerate(kinds):
+            marks = [] if k == len(name) % len(kinds) else pytest.mark.slow
+            found.append(pytest.param(name, kind, marks=marks))
+    return found
+
+
+@pytest.mark.parametrize(("name", "kind"), through_decks(), ids=str)
+def test_a_scene_through_a_deck_has_the_same_answer(tmp_path, name, kind):
+    """Displacements and forces are those of the scene; a deck has no clamps of edges, and quadrilaterals and bricks."""
+    case = FEATURES[name](kind)
+    (tmp_path / "deck.inp").write_text(as_deck(case.scene, kind), encoding="utf-8")
+    import_deck(tmp_path / "deck.inp", tmp_path / "scene")
+    answer = certified(tmp_path / "scene" / "scene.toml")
+    names = {body["name"]: body["name"].upper() for body in case.scene["body"]}
+    fields = {names[body]: exact for body, exact in case.fields.items()}
+    told = {}
+    for key, expected in case.told.items():
+        parts = key.split(".")
+        if parts[0] == "bodies" and parts[2:] == ["reaction"]:
+            told[f"bodies.{names[parts[1]]}.reaction"] = expected
+        if parts[0] == "contacts" and parts[2:] in (["force"], ["normal_force"]):
+            (contact,) = answer.summary["contacts"]
+            told[f"contacts.{contact}.{parts[2]}"] = expected
+    # parts of one thickness have a unit of depth
+    as_promised(answer, replace(case, fields=fields, told=told), kind, Seen(force=1 / kind.thick))
 
 
 def on_ranks(first: int) -> list[tuple[str, Kind]]:
