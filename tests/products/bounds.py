@@ -892,6 +892,69 @@ ASKED = [
     ),
 ]
 
+ASKED += [
+    Bound(
+        "axis must not be zero; a turn is about it, by the right-hand rule",
+        "space",
+        [
+            "time={points=[1.0], motions='far'}",
+            "body.block.motion={turn=1.0, axis=[0.0, 0.0, 0.0]}",
+        ],
+        [
+            "time={points=[1.0], motions='far'}",
+            "body.block.motion={turn=1.0, axis=[0.0, 0.0, 1e-9]}",
+        ],
+    ),
+    Bound(
+        "it is not a formula: ",
+        "plane",
+        "body.upper.clamp.1.x=2 * (x",
+        "body.upper.clamp.1.x=2 * (x)",
+    ),
+    Bound(
+        "'w' is not known; known are x, y",
+        "plane",
+        "body.upper.clamp.1.x=w",
+        "body.upper.clamp.1.x=x",
+    ),
+    Bound(
+        "; a mesh is given by file = …",
+        "plane",
+        mesh('geometry="a.msh", size=1.0'),
+        mesh('file="a.msh"'),
+    ),
+    Bound(
+        "corners: a quadrilateral has 4 corners, got 5",
+        "plane",
+        corners("[0.0, 2.0], [-1.0, 1.0]"),
+        corners("[0.0, 2.0]"),
+    ),
+    Bound(
+        "2 entries are on 'a'; leave all but one of them out",
+        "plane",
+        "body.lower.material=[{on='a', young=1.0, poisson=0.3}, {on='a', young=2.0, poisson=0.3}]",
+        "body.lower.material=[{on='a', young=1.0, poisson=0.3}, {on='b', young=2.0, poisson=0.3}]",
+    ),
+    Bound(
+        "(entries: none, the list is empty)",
+        "plane",
+        ["rigid=[]", "contact=[]", "rigid.tool.radius=1.0"],
+        ["rigid.tool.radius=1.0"],
+    ),
+    Bound(
+        "or on = [[1, 2]], both",
+        "plane",
+        "contact.1.on=[1, 2]",
+        "contact.1.on=[[1, 2]]",
+    ),
+    Bound(
+        "max takes 2 values, as in max(x, y)",
+        "plane",
+        "body.upper.clamp.1.x=max(x)",
+        "body.upper.clamp.1.x=max(x, y)",
+    ),
+]
+
 BOUNDS = [*NUMBERS, *SHAPES, *MATERIALS, *CONTACTS, *PARTNERS, *TIMES, *MOTIONS, *ASKED]
 
 

@@ -33,7 +33,7 @@ class Seen:
     ----------
     length, force : units; moments are products of both
     turn : (d, d) from the promise to the scene
-    shift : (d,) where the origin of the promise is, in the units of the scene
+    shift : (d,) where the origin of the promise is, in lengths of the scene
     cut : whether the block has a foot
     """
 
