@@ -91,12 +91,14 @@ class _Words:
 
 def refuse_lost_numbers(path: Path, label: str) -> None:
     """Raise InputError, after `label`, where an MSH file of version 2 or 4.1 has elements with nodes that are not
-    there, or two nodes of one number. Says nothing of other versions, and of files that it cannot read: gmsh will.
-    Not collective."""
+    there, two nodes of one number, or numbers of nodes and elements that no integer is, which meshio takes for large ones
+    that want 16 GB. Says nothing of other versions, and of files that it cannot read: gmsh will. Not collective."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             numbers, blocks = _numbers(path.read_bytes())
+    except RuntimeWarning:
+        raise InputError(f"{label} has numbers of nodes or elements that no integer is") from None
     except (ValueError, TypeError, LookupError, Warning):  # TypeError: numbers of 0 bytes
         return
     there, count = np.unique(numbers, return_counts=True)

@@ -6,7 +6,9 @@ import pytest
 from scenes import COULOMB, rectangle
 
 import ddmpi
+from ddmpi.body.singular import _thin_cells
 from ddmpi.errors import SolverError
+from ddmpi.mesh.mesh import Mesh
 
 
 def block(size=(1.0, 1.0), divisions=(3, 3), **more) -> dict:
@@ -68,3 +70,12 @@ def test_materials_that_differ_too_much_are_named(tmp_path):
     scene["body"][0]["mesh"] = {"file": str(tmp_path / "two.msh")}
     with pytest.raises(SolverError, match=r"Young's modulus is 1e\+13 times the smallest"):
         ddmpi.solve(scene)
+
+
+def test_the_thinnest_cell_is_named():
+    """By its place, and by its length over its mean height: of three cells that of 1e-9."""
+    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 1.0 + 1e-9]])
+    mesh = Mesh(points, np.array([[0, 1, 2], [0, 2, 3], [3, 2, 4]]), {})
+    size, words = _thin_cells(mesh)
+    assert "the cell at (0.5, 1) is 2e+09 times as long as it is thick" in words
+    assert size == pytest.approx(4e18)

@@ -386,3 +386,23 @@ def test_ranks_and_ends(tmp_path):
         assert ends[0] == ends[1]
         assert ends[0][0] == 2
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3, 1e-3])
+@pytest.mark.parametrize("part", [0.2499, 0.2501])
+def test_sides_are_proposed_as_far_as_a_quarter_of_the_smaller_facet(unit, part, looked_at):
+    """In any unit; the facets that face each other are 8 and 6 long."""
+    sizes = {"lower": (8.0, 5.0), "upper": (6.0, 5.0)}
+    low = {"lower": (0.0, 0.0), "upper": (1.0, 5.0 + 6.0 * part)}
+    bodies = [
+        rectangle(
+            name,
+            [unit * place for place in low[name]],
+            [unit * size for size in sizes[name]],
+            (1, 1),
+            clamp=["bottom" if name == "lower" else "top"],
+        )
+        for name in sizes
+    ]
+    facing = {frozenset({("lower", "top"), ("upper", "bottom")})}
+    assert sides(proposed(looked_at({"body": bodies}))) == (facing if part < 0.25 else set())

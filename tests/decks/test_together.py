@@ -641,3 +641,30 @@ def test_a_deck_with_lines_twice_missing_or_moved(tmp_path):
                 assert type(error).__name__ == "InputError", text
                 ends[False] += 1
     assert min(ends.values()) > 20
+
+
+def test_a_weight_replaces_that_of_the_step_before_in_its_direction_alone(tmp_path):
+    """In another direction it adds to it, which is said."""
+    words = "adds to that of the step before, which has another direction or axis"
+    deck = BOX + ROLLERS + step("*DLOAD", "A, GRAV, 9810., 0., 0., -1.")
+    same, another = (
+        imported(tmp_path, deck + step("*DLOAD", f"A, GRAV, 2400., {way}"), partial=True)[1]
+        for way in ("0., 0., -1.", "0.6, 0., -0.8")
+    )
+    assert words not in same and words in another
+
+
+def test_heat_of_a_body_whose_materials_do_not_all_expand(tmp_path):
+    """One material that expands is enough: the other half of the column stays as long as it is."""
+    column = grid("A", (1, 1, 2), (1.0, 1.0, 3.0)).replace("*NODE\n", "*NODE, NSET=A_ALL\n")
+    deck = column + "*ELSET, ELSET=LOW\n1\n*ELSET, ELSET=HIGH\n2\n" + STEEL
+    deck += "*MATERIAL, NAME=RIGID\n*ELASTIC\n210000., 0.\n"
+    deck += (
+        "*SOLID SECTION, ELSET=LOW, MATERIAL=STEEL\n*SOLID SECTION, ELSET=HIGH, MATERIAL=RIGID\n"
+    )
+    scene, lists = imported(tmp_path, deck + ROLLERS + step("*TEMPERATURE", "A_ALL, 50."))
+    assert "no thermal strain" not in lists
+    (body,) = scene["body"]
+    assert body["temperature"] == pytest.approx(50.0)
+    given = [material.get("expansion", 0.0) for material in body["material"]]
+    assert sorted(given) == pytest.approx([0.0, 1.2e-5])

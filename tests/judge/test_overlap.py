@@ -165,6 +165,15 @@ def test_a_body_that_has_passed_a_thin_one_is_found():
     assert through(block, rod)[0] > 0.003
 
 
+def test_a_thin_body_that_has_passed_another_one_is_found_however_it_bends():
+    """Places between are as close as the node that moves most beside the others asks, not the one that moves least."""
+    rod = rectangle((1.02, -5.0), (0.01, 10.0), (1, 500))
+    bent = of(rod, lambda at: np.outer(1.0 + at[:, 1] / 40.0, (-0.15, 0.0)))
+    block = of(rectangle((0.9, 0.2), (0.1, 0.5)))
+    assert bent.moved[:, 0].max() < 0.9 < 1.0 < bent.at[:, 0].min()
+    assert through(block, bent)[0] > 0.003
+
+
 def test_displacements_that_mean_nothing_leave_the_drawing():
     """Of an answer that diverged, nothing is said, and nothing breaks."""
     fixed, apart = of(rectangle((0, 0), (1, 1))), rectangle((1, 0), (1, 1))

@@ -169,6 +169,15 @@ def test_a_step_of_interior_points_is_newtons(components, monkeypatch):
     )
 
 
+@pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
+def test_interior_points_begin_inside_their_cones_in_any_unit(length):
+    """Slips are less than their bounds, also with friction so large that 2μ/g adds next to nothing to these."""
+    joint = random_joint(3, coefficient=50.0, components=2)
+    joint.d = length * joint.d
+    path = InteriorPoints(joint, np.full(joint.size, 0.5))
+    assert (np.linalg.norm(path._slip, axis=1) < path._most[:, 0]).all()
+
+
 def test_the_coarse_problem_holds_motions_however_forces_follow_each_other():
     """Ẑ y + D a = h, with friction that follows pressure, so that S is not symmetric."""
     space, rng = random_joint(3).space, np.random.default_rng(4)

@@ -1,12 +1,17 @@
 """Every feature in every kind of scene: what the program promises of them, by statics, closed forms and Hooke's law."""
 
 import gc
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from decked import as_deck
 from kinds import Kind
-from promises import FEATURES
+from otherwise import FOOT, Seen, otherwise
+from promises import FEATURES, Case
 from scenes import assert_refused, certified
+
+from ddmpi.decks.scene import import_deck
 
 NAMES = ("strain", "stress", "plate", "axis", "space")
 
@@ -26,6 +31,19 @@ def combinations() -> list:
     return found
 
 
+def said_otherwise() -> list:
+    """The scenes with an answer, of each feature one in the quick suite."""
+    found = []
+    for k, name in enumerate(FEATURES):
+        kinds = [Kind(kind, 1 + (j + k) % 2, j % 2 == k // 2 % 2) for j, kind in enumerate(NAMES)]
+        answered = [kind for kind in kinds if not FEATURES[name](kind).refused]
+        quick = k % len(answered)
+        for j, kind in enumerate(answered):
+            marks = [] if j == quick else pytest.mark.slow
+            found.append(pytest.param(name, kind, marks=marks))
+    return found
+
+
 @pytest.fixture(scope="module", autouse=True)
 def little_garbage():
     """What other tests have left is not looked at after each scene."""
@@ -34,35 +52,108 @@ def little_garbage():
     gc.unfreeze()
 
 
+def as_promised(answer, case: Case, kind: Kind, seen: Seen) -> None:
+    """Forces, displacements and energies of an answer are those of the case; nothing is said of contacts without one."""
+    if not answer.summary["contacts"]:
+        assert "contact" not in " ".join(answer.summary["warnings"])
+        assert answer.summary["certificate"]["penetration"] == 0.0
+    for key, (value, size) in case.told.items():
+        expected = value
+        if callable(value):
+            found = seen.value(answer.summary, "contacts.block-floor.normal_force")
+            expected = value({"contacts": {"block-floor": {"normal_force": found[0]}}})
+        expected = np.atleast_1d(expected)
+        asked = ~np.isnan(expected)
+        found = seen.value(answer.summary, key)[asked]
+        assert found == pytest.approx(expected[asked], rel=1e-6, abs=1e-7 * size), key
+    for body, exact in case.fields.items():
+        for name in (body, FOOT) if seen.cut else (body,):
+            fields = answer.bodies[name]
+            expected = exact(seen.points(fields.points))
+            known = ~np.isnan(expected)
+            size = np.abs(expected[known]).max(initial=0.0)
+            found = seen.vectors(fields.displacement)[known]
+            assert found == pytest.approx(expected[known], abs=1e-7 * size), name
+    if kind.steps:
+        energy = answer.summary["energy"]
+        joules = case.joules * seen.force * seen.length
+        largest = max(abs(energy["external_work"]), abs(energy["strain_energy"]))
+        # where heat stores nothing both energies are rounding, and so is what is left between them
+        assert energy["residual"] * largest < 1e-8 * max(largest, joules)
+        if case.stored is not None:
+            stored = energy["strain_energy"] / seen.force / seen.length
+            assert stored == pytest.approx(case.stored, rel=1e-6, abs=1e-9 * case.joules)
+
+
 @pytest.mark.parametrize(("name", "kind"), combinations(), ids=str)
 def test_a_feature_in_a_kind_of_scene(name, kind):
     """A scene is refused in words, or certified with the forces, displacements and energies that are told."""
     case = FEATURES[name](kind)
     if case.refused:
         assert_refused(case.scene, case.refused)
-        return
-    answer = certified(case.scene)
-    for key, (value, size) in case.told.items():
-        found = answer.summary
-        for part in key.split("."):
-            found = found[part]
-        expected = np.atleast_1d(value(answer.summary) if callable(value) else value)
-        asked = ~np.isnan(expected)
-        assert np.atleast_1d(found)[asked] == pytest.approx(
-            expected[asked], rel=1e-6, abs=1e-7 * size
-        ), key
-    for body, exact in case.fields.items():
-        fields = answer.bodies[body]
-        expected = exact(fields.points)
-        known = ~np.isnan(expected)
-        size = np.abs(expected[known]).max()
-        assert fields.displacement[known] == pytest.approx(expected[known], abs=1e-7 * size), body
-    if kind.steps:
-        energy = answer.summary["energy"]
-        largest = max(abs(energy["external_work"]), abs(energy["strain_energy"]))
-        # where heat stores nothing both energies are rounding, and so is what is left between them
-        assert energy["residual"] * largest < 1e-8 * max(largest, case.joules)
-        if case.stored is not None:
-            assert energy["strain_energy"] == pytest.approx(
-                case.stored, rel=1e-6, abs=1e-9 * case.joules
-            )
+    else:
+        as_promised(certified(case.scene), case, kind, Seen())
+
+
+@pytest.mark.parametrize(("name", "kind"), said_otherwise(), ids=str)
+def test_a_scene_that_is_said_otherwise_has_the_same_answer(name, kind):
+    """Lists in another order, a cut by a bond, a turn by 37 degrees, other units and another place change nothing."""
+    case = FEATURES[name](kind)
+    scene, seen = otherwise(case.scene, kind)
+    as_promised(certified(scene), case, kind, seen)
+
+
+def through_decks() -> list:
+    """The scenes that a deck can have, of each feature one in the quick suite."""
+    found = []
+    for name, feature in FEATURES.items():
+        kinds = [Kind(kind, 2, False) for kind in NAMES]
+        kinds = [kind for kind in kinds if not feature(kind).refused]
+        kinds = [kind for kind in kinds if as_deck(feature(kind).scene, kind)]
+        for k, kind in enumerate(kinds):
+            marks = [] if k == len(name) % len(kinds) else pytest.mark.slow
+            found.append(pytest.param(name, kind, marks=marks))
+    return found
+
+
+@pytest.mark.parametrize(("name", "kind"), through_decks(), ids=str)
+def test_a_scene_through_a_deck_has_the_same_answer(tmp_path, name, kind):
+    """Displacements and forces are those of the scene; a deck has no clamps of edges, and quadrilaterals and bricks."""
+    case = FEATURES[name](kind)
+    (tmp_path / "deck.inp").write_text(as_deck(case.scene, kind), encoding="utf-8")
+    import_deck(tmp_path / "deck.inp", tmp_path / "scene")
+    answer = certified(tmp_path / "scene" / "scene.toml")
+    names = {body["name"]: body["name"].upper() for body in case.scene["body"]}
+    fields = {names[body]: exact for body, exact in case.fields.items()}
+    told = {}
+    for key, expected in case.told.items():
+        parts = key.split(".")
+        if parts[0] == "bodies" and parts[2:] == ["reaction"]:
+            told[f"bodies.{names[parts[1]]}.reaction"] = expected
+        if parts[0] == "contacts" and parts[2:] in (["force"], ["normal_force"]):
+            (contact,) = answer.summary["contacts"]
+            told[f"contacts.{contact}.{parts[2]}"] = expected
+    # parts of one thickness have a unit of depth
+    as_promised(answer, replace(case, fields=fields, told=told), kind, Seen(force=1 / kind.thick))
+
+
+def on_ranks(first: int) -> list[tuple[str, Kind]]:
+    """Each feature in one kind of scene with an answer, by turns."""
+    found = {}
+    for k, (name, kind) in enumerate(parameter.values for parameter in said_otherwise()):
+        if name not in found or k % 5 == (first + len(found)) % 5:
+            found[name] = kind
+    return list(found.items())
+
+
+@pytest.mark.slow
+@pytest.mark.mpi(ranks=[2, 3])
+def test_a_feature_on_several_ranks(comm, mpi_ranks):
+    """Every feature, on as many ranks as bodies and on more, has the answer that is told; each rank has its bodies."""
+    for name, kind in on_ranks(mpi_ranks):
+        case = FEATURES[name](kind)
+        answer = certified(case.scene, comm)
+        bodies = set(comm.allreduce(list(answer.bodies)))
+        assert bodies == {body["name"] for body in case.scene["body"]}, name
+        case.fields = {body: exact for body, exact in case.fields.items() if body in answer.bodies}
+        as_promised(answer, case, kind, Seen())

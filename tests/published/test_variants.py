@@ -93,6 +93,19 @@ def test_outer_iterations_do_not_depend_on_the_mesh(comm):
 
 
 @pytest.mark.mpi(ranks=2)
+def test_iterative_compliances_take_as_many_iterations(comm):
+    """Their solves are as precise as the last update asks, also those of the Neumann problems."""
+    found = {}
+    for kind in ("explicit", "iterative"):
+        scene = pinched_blocks(4, "coulomb", compliance=kind)
+        options = {"tolerance": 1e-8, "inner_precision": 1e-3}
+        answer = run(prepare_scene(comm, scene), "original", "step1+2", **options)
+        assert answer.certified, (kind, answer.reason)
+        found[kind] = len(answer.outer.history)
+    assert abs(found["iterative"] - found["explicit"]) <= 1
+
+
+@pytest.mark.mpi(ranks=2)
 def test_unsplit_original_fails_at_a_large_theta_and_says_so(comm):
     """The paper's observation: splitting stabilises."""
     for law in ("tresca", "coulomb"):

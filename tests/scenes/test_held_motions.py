@@ -291,7 +291,8 @@ def test_two_free_turns_in_load_steps():
         "time": {"points": [1.0, 2.0]},
     }
     answer = certified(scene)
-    assert [held["body"] for held in answer.summary["held_motions"]] == ["shaft", "bush"]
+    bodies = sorted(held["body"] for held in answer.summary["held_motions"])
+    assert bodies == ["bush", "shaft"]  # which comes first rounding decides
     assert answer.summary["bodies"]["shaft"]["displacement_max"] < 0.03
     assert abs(answer.summary["energy"]["residual"]) < 1e-8
 

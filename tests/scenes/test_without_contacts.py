@@ -50,16 +50,6 @@ def stretched(answer, name: str, way: str, factor: float = 1.0) -> None:
     )
 
 
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("way", WAYS)
-def test_one_body_alone(way, order):
-    """One body without a contact is a scene; its stretch is F L / E A, and nothing warns of the missing contact."""
-    answer = certified({"axisymmetric": way == "axis", "body": [bar("bar", way, order=order)]})
-    stretched(answer, "bar", way)
-    assert not any("contact" in warning for warning in answer.summary["warnings"])
-    assert answer.summary["contacts"] == {} and answer.summary["certificate"]["penetration"] == 0.0
-
-
 @pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("bodies", [1, 3])
 def test_bodies_alone_on_ranks(comm, bodies):

@@ -6,6 +6,7 @@ import shlex
 import sys
 from pathlib import Path
 
+import drawn
 import mutants
 import mutation
 import pytest
@@ -154,6 +155,42 @@ def test_mutants_are_of_this_code():
         path, _, name = mutant.tests.partition("::")
         written = (ROOT / "tests" / path).read_text(encoding="utf-8")
         assert f"def {name.partition('[')[0]}(" in written or not name, mutant.name
+
+
+def test_wrong_lines_are_drawn_from_lines_that_compute(tmp_path):
+    """A seed draws the same lines again, longer draws begin with shorter ones, and each changes one line that computes."""
+    (tmp_path / "room").mkdir()
+    (tmp_path / "room" / "module.py").write_text(
+        '"""A - b."""\n\ndef f(a: list[int - 1], k) -> float:\n    """Not a + b."""\n'
+        "    if a < k:\n        raise ValueError(f'{a - k} is less')\n    return max(a, 0) + a.T[k, 1] * -k\n",
+        encoding="utf-8",
+    )
+    places = drawn.candidates(tmp_path)
+    assert places == {("room/module", 5): 2, ("room/module", 7): 8}
+    normal = mutation.normal_form((tmp_path / "room/module.py").read_text(encoding="utf-8"))
+    becomes = set()
+    for seed in range(60):
+        first, second = drawn.draw(tmp_path, 2, seed)
+        assert [first] == drawn.draw(tmp_path, 1, seed)
+        assert {first.line, second.line} == {5, 7}
+        for one in (first, second):
+            rest = normal.splitlines(), one.source.splitlines()
+            assert [pair for pair in zip(*rest, strict=True) if pair[0] != pair[1]] == [
+                (normal.splitlines()[one.line - 1], one.source.splitlines()[one.line - 1])
+            ]
+            becomes.add(one.replacement)
+    assert becomes == {
+        "if a <= k:",
+        "if not a < k:",
+        "return max(a, 0) - a.T[k, 1] * -k",
+        "return min(a, 0) + a.T[k, 1] * -k",
+        "return max(a, 0) + a[k, 1] * -k",
+        "return max(a, 0) + a.T[k, 2] * -k",
+        "return max(a, 0) + a.T[k, 1] / -k",
+        "return max(a, 0) + a.T[k, 1]",
+        "return max(a, 0) + -k",
+        "return max(a, 0) + a.T[k, 1] * k",
+    }
 
 
 def test_a_ledger_keeps_whole_rows_and_fills_in_the_others(tmp_path):

@@ -264,6 +264,13 @@ MUTANTS = [
         ),
         # mesh, body, surface: meshes that lie
         (
+            "numbers of nodes that no integer is are handed on to meshio",
+            "mesh/nodes",
+            "except RuntimeWarning:",
+            "except FloatingPointError:",
+            "mesh/test_lost_nodes.py::test_numbers_that_no_integer_is_end_in_a_message",
+        ),
+        (
             "numbers below the first node are taken",
             "mesh/nodes",
             "(nodes < 0) | (nodes >= len(raw.points))",
@@ -493,6 +500,13 @@ MUTANTS = [
             "np.minimum(explained, RESOLVED * height[cell])",
             "RESOLVED * height[cell]",
             "judge/test_overlap.py::test_sides_of_a_seam_that_pass_through_each_other_are_found_at_small_strains",
+        ),
+        (
+            "bodies pass each other between places that the least motion asks",
+            "judge/overlap",
+            "axis=1).max())\n    least",
+            "axis=1).min())\n    least",
+            "judge/test_overlap.py::test_a_thin_body_that_has_passed_another_one_is_found_however_it_bends",
         ),
         (
             "a loose piece is not told with its seam",
@@ -799,6 +813,13 @@ MUTANTS = [
             f"{TOGETHER}::test_a_curved_face_slides_on_a_cylinder",
         ),
         (
+            "heat is lost where one material does not expand",
+            "decks/acting",
+            "grows = any(expansions.values())",
+            "grows = all(expansions.values())",
+            "decks/test_together.py::test_heat_of_a_body_whose_materials_do_not_all_expand",
+        ),
+        (
             "a form feed ends a line",
             "decks/cards",
             "re.split('\\r\\n?|\\n', text)",
@@ -888,6 +909,13 @@ MUTANTS = [
             "inside = None if card.word == 'ENDSTEP' else inside\n        if inside is not None:",
             "inside = None if card.word == 'ENDSTEP' else inside\n        if False:",
             f"{DECKS}::test_bad_decks",
+        ),
+        (
+            "a weight in the same direction is said to add",
+            "decks/model",
+            "one[:3] == key and one[3] != way and load.value",
+            "one[:3] == key and load.value",
+            "decks/test_together.py::test_a_weight_replaces_that_of_the_step_before_in_its_direction_alone",
         ),
         (
             "an existing scene is overwritten",
@@ -2454,6 +2482,13 @@ MUTANTS = [
             "methods/test_steps.py::test_softening_leaves_bonds_as_they_are",
         ),
         (
+            "interior points begin inside their cones in metres alone",
+            "methods/paths",
+            "self._most = SPARE * magnitude(self._slip)[:, None] + ",
+            "self._most = SPARE + ",
+            "methods/test_steps.py::test_interior_points_begin_inside_their_cones_in_any_unit",
+        ),
+        (
             "friction does not turn in space",
             "interface/law",
             "unknown[:, 1:] |= turns[:, None]",
@@ -2510,6 +2545,13 @@ MUTANTS = [
             "methods/test_newton.py::test_half_space_of_one_node",
         ),
         (
+            "smooth modes are left out",
+            "methods/half_space",
+            "if not length > 0.0:",
+            "if length > 0.0:",
+            "methods/test_cross_points.py::test_gmres_knows_edges_where_bricks_meet",
+        ),
+        (
             "bounds of the other role",
             "published/published",
             "slides = self.role != friction_role(algorithm)",
@@ -2522,6 +2564,13 @@ MUTANTS = [
             "d[self._normal] -= self.interface.gap",
             "pass",
             "published/test_subproblem.py::test_the_second_role_takes_the_gap",
+        ),
+        (
+            "Neumann solves are less precise where others are more",
+            "published/published",
+            "PASSING * self._precision",
+            "PASSING / self._precision",
+            "published/test_variants.py::test_iterative_compliances_take_as_many_iterations",
         ),
         (
             "rounding of an unloaded contact is a force",
@@ -2657,6 +2706,13 @@ MUTANTS = [
             "return (both[0] / both[1], ",
             "return (both[0] / both[0], ",
             "body/test_singular.py::test_the_true_cause_is_named",
+        ),
+        (
+            "of thin cells the best one is named",
+            "body/singular",
+            "worst = int(ratio.argmax())",
+            "worst = int(ratio.argmin())",
+            "body/test_singular.py::test_the_thinnest_cell_is_named",
         ),
         (
             "a dense compliance judges itself",
@@ -3533,6 +3589,20 @@ MUTANTS = [
             f"{LEAN}::test_steps_without_displacements_are_those_with_them",
         ),
         (
+            "nodes of several contacts have a compliance by the inverse stiffness",
+            "coupling/member",
+            "(1.0 / ((2.0 - interface.on_rigid) * interface.stiffness)",
+            "(1.0 / ((2.0 - interface.on_rigid) / interface.stiffness)",
+            "methods/test_cross_points.py::test_gmres_knows_edges_where_bricks_meet",
+        ),
+        (
+            "a body has no team",
+            "coupling/ranks",
+            "return team if isinstance(team, Team) else None",
+            "return team if not isinstance(team, Team) else None",
+            "run/test_team.py::test_three_ranks_answer_as_one_for_each_body",
+        ),
+        (
             "what a lean certificate doubts is believed",
             "run/solve",
             "if solution is None or not solution.certified:",
@@ -3583,6 +3653,13 @@ MUTANTS = [
             "sweep/test_sweep.py::test_no_case_is_started_after_a_signal",
         ),
         (
+            "a sweep ends as none of its cases",
+            "sweep/sweep",
+            "if kind.exit_code in exits",
+            "if not kind.exit_code in exits",
+            "sweep/test_verdict.py",
+        ),
+        (
             "another sweep's folder accepted",
             "sweep/table",
             "    if differing:\n",
@@ -3617,6 +3694,13 @@ MUTANTS = [
             '"exit": 0',
             "sweep/test_sweep.py::test_failing_cases_do_not_stop_the_others",
         ),
+        (
+            "a record of a case stands for its summary",
+            "sweep/table",
+            "if summary else _read_json(folder / RECORD)",
+            "if not summary else _read_json(folder / RECORD)",
+            "sweep/test_verdict.py",
+        ),
         # check, cli
         ("a bore is a shaft", "check/check", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
         (
@@ -3639,6 +3723,13 @@ MUTANTS = [
             "distance_to(self.middle[some], body.at)[1]",
             "distance_to(self.middle[some], body.at)[0]",
             "check/test_check.py::test_contacts_that_are_missing_are_proposed",
+        ),
+        (
+            "sides that face each other are looked for within 0.25 m",
+            "check/nearby",
+            "wide = NEAR * body.size.max()",
+            "wide = NEAR",
+            "check/test_check.py::test_sides_are_proposed_as_far_as_a_quarter_of_the_smaller_facet",
         ),
         (
             "numbers of a law are not said",
@@ -3837,6 +3928,55 @@ EQUIVALENT = [
             "MOST = 1024",
             "MOST = 1025",
             "Numbers of steps are powers of two wherever MOST is looked at.",
+        ),
+        (
+            "bonds that join nothing else are looked at, too",
+            "coupling/space",
+            "ends[times > 1]",
+            "ends[times >= 1]",
+            "A bond whose nodes no other contact has is a piece of its own, which connects nothing that another contact has.",
+        ),
+        (
+            "MUMPS is given an order that it does not take",
+            "petsc/mumps",
+            "data.icntl[6], data.icntl[57] = (1, 2)",
+            "data.icntl[7], data.icntl[57] = (1, 2)",
+            "The order of the unknowns decides how much memory and time the factors take, and no answer.",
+        ),
+        (
+            "small entries of a trace count by themselves",
+            "interface/trace",
+            "ROUNDING * np.linalg.norm(along, axis=1)",
+            "ROUNDING",
+            "Weights of rows are at most 1: what is left out more is below 1e-12 of the row, rounding of the projection.",
+        ),
+        (
+            "a residual that is no number is corrected",
+            "body/solver",
+            "if not np.isfinite(residual) or attempt == REFINEMENTS:",
+            "if not np.isfinite(residual) and attempt == REFINEMENTS:",
+            "The loop ends after as many attempts by itself, and what is no number stays so: the same error.",
+        ),
+        (
+            "expansions that are one number may differ by direction",
+            "decks/acting",
+            "if kind[:3] != 'ISO' and np.ptp(values[:, :3], axis=1).any():",
+            "if np.ptp(values[:, :3], axis=1).any():",
+            "An isotropic expansion has one number a line, which differs from no other.",
+        ),
+        (
+            "stresses are summed in other blocks of cells",
+            "body/stress",
+            "BLOCK if curved else STRAIGHT_BLOCK",
+            "BLOCK if not curved else STRAIGHT_BLOCK",
+            "Blocks only bound the memory that arrays of cells take at a time.",
+        ),
+        (
+            "a place is as far from a side as it may be",
+            "judge/edges",
+            "<= near / FLUSH",
+            "< near / FLUSH",
+            "It differs where two computed distances are equal to the last bit.",
         ),
     )
 ]

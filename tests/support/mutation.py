@@ -1,30 +1,53 @@
 """A mutation study: important lines are made wrong, one at a time, and a test must fail each time.
 
     scripts/study mutation [--only WORD]
+    scripts/study mutation --draw NUMBER --seed SEED
 
 Works in a copy of the checkout. First the tests must pass without a mutant. Prints a table. Exit code 1 if a mutant
 survives, 2 if the study itself is wrong: a text that is not there exactly once, a test that fails by itself, a mutant
 that cannot be imported.
+
+With --draw the wrong lines are drawn by lot (`drawn.py`), the first of those of this seed, and the quick tests that
+reach the line are run, those of the cheapest files first, until one fails. Which tests reach which lines is measured
+once for all seeds in one run of the quick tests (`reached.py`), and kept in the folder of temporary files as long as
+neither the program nor its tests change.
 """
 
 import argparse
 import ast
+import hashlib
+import itertools
+import json
 import os
 import re
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import tempfile
 import time
+from collections import defaultdict
+from collections.abc import Iterable
 from pathlib import Path
 
-from mutants import MUTANTS, Mutant
+from drawn import Drawn, draw
+from mutants import EQUIVALENT, MUTANTS, Mutant
 
 ROOT = Path(__file__).resolve().parents[2]
 
 LIMIT = 120.0
 """Seconds after which a test counts as failed; mutants may make it hang."""
+
+
+FEW = 5
+"""Tests of a file that are run before those of the next one."""
+
+LEAST = 10
+"""Tests that reach a line, below which those of its file are run: what is made once, such as tables, is reached once."""
+
+MEMORY = 6 << 30
+"""Bytes that a process may take; mutants may ask for more."""
 
 
 class Checkout:
@@ -39,29 +62,37 @@ class Checkout:
         for file in ROOT.glob("*.*"):
             if file.is_file():
                 shutil.copy(file, self.folder)
-        # Without bytecode: a mutant of the same size, made in the same second, would not be noticed.
+        self._times = itertools.count(int(time.time()))
         self._environment = os.environ | {
-            "PYTHONPATH": str(self.folder),
-            "PYTHONDONTWRITEBYTECODE": "1",
+            "PYTHONPATH": f"{self.folder}:{self.folder}/tests/support",
+            "PYTHONPYCACHEPREFIX": f"{folder}/bytecode",
             "MPLBACKEND": "agg",
+            "DDMPI_TEST_LIMIT": str(LIMIT),
         }
 
-    def test(self, names: list[str], limit: float = LIMIT) -> tuple[int | None, str]:
-        """Exit code of pytest (None where it took too long), and its output."""
-        command = [
-            sys.executable,
-            "-m",
-            "pytest",
-            "-x",
-            "-p",
-            "no:cacheprovider",
-            *(f"tests/{name}" for name in names),
-        ]
+    def write(self, path: Path, source: str) -> None:
+        """With a second of its own, or bytecode of a mutant of the same size would be taken for that of this one."""
+        path.write_text(source, encoding="utf-8")
+        second = next(self._times)
+        os.utime(path, (second, second))
+
+    def test(
+        self,
+        names: list[str],
+        limit: float = LIMIT,
+        more: Iterable[str] = ("-x",),
+        **variables: str,
+    ) -> tuple[int | None, str]:
+        """Exit code of pytest (None where it took too long), and its output; with `more` options and variables."""
+        asked = self.folder / "asked.txt"  # thousands are too many for a command
+        asked.write_text("\n".join(f"tests/{name}" for name in names), encoding="utf-8")
+        options = ["-p", "no:cacheprovider", *more, f"@{asked}"]
         with subprocess.Popen(
-            command,
+            [sys.executable, "-m", "pytest", *options],
             cwd=self.folder,
-            env=self._environment,
+            env=self._environment | variables,
             start_new_session=True,
+            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
             text=True,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -73,14 +104,22 @@ class Checkout:
                 return None, child.communicate()[0]
             return child.returncode, output
 
-    def try_mutant(self, mutant: Mutant) -> tuple[int | None, str]:
+    def try_mutant(
+        self, mutant: Mutant | Drawn, tests: list[str], limit: float = LIMIT
+    ) -> tuple[int | None, str]:
         path = self.folder / "ddmpi" / f"{mutant.file}.py"
         original = path.read_text(encoding="utf-8")
-        path.write_text(mutated(original, mutant), encoding="utf-8")
+        source = mutant.source if isinstance(mutant, Drawn) else mutated(original, mutant)
+        self.write(path, source)
         try:
-            return self.test([mutant.tests])
+            return self.test(tests, limit)
         finally:
-            path.write_text(original, encoding="utf-8")
+            self.write(path, original)
+
+    def normalize(self) -> None:
+        """All modules in their normal form, so that a line that reaches a test has the number that a drawn one has."""
+        for path in (self.folder / "ddmpi").rglob("*.py"):
+            self.write(path, normal_form(path.read_text(encoding="utf-8")))
 
 
 def normal_form(source: str) -> str:
@@ -116,12 +155,149 @@ def wrong_texts(mutants: list[Mutant]) -> list[str]:
     ]
 
 
+class Quick:
+    """The quick tests by what they reach.
+
+    Attributes
+    ----------
+    tests : by name (below tests/) its seconds and by file of ddmpi/ the numbers of the lines that it reaches
+    """
+
+    def __init__(self, checkout: Checkout) -> None:
+        path = Path(tempfile.gettempdir(), f"ddmpi-reached-{self.digest()}.json")
+        if not path.exists():
+            print("measuring which lines the quick tests reach", file=sys.stderr)
+            path.write_text(json.dumps(self.measured(checkout)), encoding="utf-8")
+        self.tests = json.loads(path.read_text(encoding="utf-8"))
+
+    @staticmethod
+    def digest() -> str:
+        found = hashlib.sha256()
+        for folder in ("ddmpi", "tests"):
+            for path in sorted((ROOT / folder).rglob("*.py")):
+                found.update(f"{path} ".encode() + path.read_bytes())
+        return found.hexdigest()[:16]
+
+    @staticmethod
+    def measured(checkout: Checkout) -> dict[str, dict]:
+        """All quick tests that pass in this checkout; of ranks and processes the longest, and what any reaches."""
+        with tempfile.TemporaryDirectory() as folder:
+            checkout.test(
+                [""],
+                more=["-m", "not slow", "-q"],
+                limit=LIMIT * 100,
+                DDMPI_REACHED=folder,
+                PYTEST_PLUGINS="reached",
+                DDMPI_TEST_LIMIT=str(20 * LIMIT),
+            )
+            written = [
+                json.loads(path.read_text(encoding="utf-8")) for path in Path(folder).iterdir()
+            ]
+        found: dict[str, dict] = defaultdict(lambda: {"seconds": 0.0, "lines": {}})
+        failed = {name for tests in written for name, test in tests.items() if "failed" in test}
+        for tests in written:
+            for name, test in tests.items():
+                if name in failed or not name.startswith("tests/"):
+                    continue
+                merged = found[name.removeprefix("tests/")]
+                merged["seconds"] = max(merged["seconds"], test["seconds"])
+                for file, lines in test["lines"].items():
+                    both = {*lines, *merged["lines"].get(file, ())}
+                    merged["lines"][file] = sorted(both)
+        print("\n".join(["left out, as they fail:", *sorted(failed)]), file=sys.stderr)
+        return found
+
+    def of(self, mutant: Drawn, most: float) -> list[str]:
+        """Those that reach a line, or where these are few its file, as many as take `most` seconds.
+
+        A few of each file come first, those of the file whose tests take least before others, then the rest of all
+        files, and last tests on several ranks.
+        """
+        reaching = {
+            name: mutant.line in test["lines"][mutant.file]
+            for name, test in self.tests.items()
+            if mutant.file in test["lines"]
+        }
+        if sum(reaching.values()) >= LEAST:
+            reaching = {name: True for name, reaches in reaching.items() if reaches}
+        by_file: dict[str, list[str]] = defaultdict(list)
+        for name in sorted(reaching, key=lambda name: self.tests[name]["seconds"]):
+            by_file[name.partition("::")[0]].append(name)
+
+        def place(name: str) -> tuple[bool, int, float, str]:
+            file = name.partition("::")[0]
+            turn = 2 if re.search(r"\[\d\b", name) else int(name not in by_file[file][:FEW])
+            seconds = [self.tests[other]["seconds"] for other in by_file[file][:FEW]]
+            return not reaching[name], turn, sum(seconds) / len(seconds), file
+
+        ordered = sorted(reaching, key=place)
+        spent = itertools.accumulate(self.tests[name]["seconds"] for name in ordered)
+        return [name for name, so_far in zip(ordered, spent, strict=True) if so_far <= most]
+
+
+def known(mutant: Drawn, of: list[Mutant]) -> Mutant | None:
+    """The one of a list that is the same wrong line."""
+    for one in of:
+        if one.file == mutant.file:
+            original = (ROOT / "ddmpi" / f"{one.file}.py").read_text(encoding="utf-8")
+            if normal_form(mutated(original, one)) == normal_form(mutant.source):
+                return one
+    return None
+
+
+def drawn_by_lot(number: int, seed: int, most: float) -> int:
+    """Prints a row for each drawn line, with the test that catches it or how many do not; the number of survivors."""
+    survivors = 0
+    print("| in `ddmpi/` | line | becomes | caught in s |", "|---|---|---|---|", sep="\n")
+    with tempfile.TemporaryDirectory() as folder:
+        checkout = Checkout(Path(folder))
+        checkout.normalize()
+        quick = Quick(checkout)
+        for mutant in draw(ROOT / "ddmpi", number, seed):
+            start, tests = time.monotonic(), quick.of(mutant, most)
+            if one := known(mutant, EQUIVALENT):
+                end = f"the same answers: {one.tests}"
+            else:
+                seconds = sum(quick.tests[name]["seconds"] for name in tests)
+                code, output = (
+                    checkout.try_mutant(mutant, tests, LIMIT + 5 * seconds) if tests else (0, "")
+                )
+                survivors += code == 0
+                failed = re.findall(r"^(?:FAILED|ERROR) (?:tests/)?(\S+)", output, re.M)
+                by = failed[0] if failed else f"pytest ended with {code}"
+                end = f"{time.monotonic() - start:.0f}: {by}" if code != 0 else "SURVIVED"
+                end += f" of {len(tests)} tests" * (code == 0)
+            cells = [
+                f"{mutant.file}.py:{mutant.line}",
+                f"`{mutant.text}`",
+                f"`{mutant.replacement}`",
+            ]
+            print("|", " | ".join([*cells, end]), "|", flush=True)
+    print(f"\n{number - survivors} of {number} wrong lines by the seed {seed} are caught.")
+    return survivors
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument(
         "--only", default="", metavar="WORD", help="mutants with this word in name, file or tests"
     )
-    word = parser.parse_args().only
+    parser.add_argument("--draw", type=int, metavar="NUMBER", help="wrong lines, drawn by lot")
+    parser.add_argument("--seed", type=int, default=0, help="of the draw")
+    parser.add_argument(
+        "--seconds",
+        type=float,
+        default=float("inf"),
+        help="of quick tests for each drawn line; left out, all",
+    )
+    options = parser.parse_args()
+    if options.draw:
+        return int(drawn_by_lot(options.draw, options.seed, options.seconds) > 0)
+    return listed(options.only)
+
+
+def listed(word: str) -> int:
+    """Tries the listed mutants that have a word; the exit code."""
     mutants = [
         mutant
         for mutant in MUTANTS
@@ -146,7 +322,7 @@ def main() -> int:
         )
         for mutant in mutants:
             start = time.monotonic()
-            code, output = checkout.try_mutant(mutant)
+            code, output = checkout.try_mutant(mutant, [mutant.tests])
             if code not in (0, 1, None):
                 print(output, f"{mutant.name}: pytest ended with {code}", sep="\n", file=sys.stderr)
                 return 2

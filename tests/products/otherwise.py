@@ -1,0 +1,293 @@
+"""Scenes of the matrix said otherwise: with lists in another order, cut by a bond, in other units, turned and elsewhere.
+
+What a scene promises does not change; `Seen` brings the answer back to the words of the promise.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from kinds import Kind, turned
+
+LENGTH, STRESS = 1000.0 / 25.4, 1.45e-4
+"""Other units: so many inches are a metre, and so many psi a pascal."""
+
+SHIFT = np.array([117.3, -61.9, 43.7])
+"""Another place, in the other length; around an axis along the axis alone."""
+
+TURN = {2: turned(37.0)[:2, :2], 3: turned(37.0, (0.3, -0.5, 0.8))}
+
+FOOT = "foot"
+"""The lower part of a block that is cut."""
+
+
+@dataclass
+class Seen:
+    """How the answer of a scene that is said otherwise is read.
+
+    Attributes
+    ----------
+    length, force : units; moments are products of both
+    turn : (d, d) from the promise to the scene
+    shift : (d,) where the origin of the promise is, in lengths of the scene
+    cut : whether the block has a foot
+    """
+
+    length: float = 1.0
+    force: float = 1.0
+    turn: np.ndarray | None = None
+    shift: np.ndarray | None = None
+    cut: bool = False
+
+    def units(self, key: str) -> float:
+        match key.rpartition(".")[2]:
+            case "open" | "stick":
+                return 1.0
+            case "displacement" | "offset":
+                return self.length
+            case "moment":
+                return self.force * self.length
+        return self.force
+
+    def value(self, summary: dict, key: str) -> Any:
+        """What the promise calls `key`."""
+        if self.cut and key == "bodies.block.reaction":
+            both = (self.value(summary, f"bodies.{name}.sum") for name in ("block", FOOT))
+            return np.sum([*both], axis=0)
+        if self.cut and key.startswith("bodies.block.reactions.bottom"):
+            key = key.replace("block", FOOT)
+        found: Any = summary
+        for part in key.replace(".sum", ".reaction").split("."):
+            found = found[part]
+        found = np.atleast_1d(found)
+        if self.shift is not None and key.endswith(".moment") and found.any():
+            force: Any = summary
+            for part in key.replace(".moment", ".force").split("."):
+                force = force[part]
+            found = found - np.cross(self.shift, force)
+        found = found / self.units(key)
+        vector = self.turn is not None and len(found) == len(self.turn)
+        return self.turn.T @ found if vector else found
+
+    def points(self, points: np.ndarray) -> np.ndarray:
+        return self.vectors(points if self.shift is None else points - self.shift)
+
+    def vectors(self, points: np.ndarray) -> np.ndarray:
+        """Of lengths."""
+        return (points if self.turn is None else points @ self.turn) / self.length
+
+
+def permuted(scene: dict) -> dict:
+    """Bodies, partners, contacts, clamps and loads from the last to the first."""
+    scene = copy.deepcopy(scene)
+    for table in (scene, *scene["body"]):
+        for value in table.values():
+            if isinstance(value, list) and all(isinstance(each, dict) for each in value):
+                value.reverse()
+    return scene
+
+
+# Cut
+
+
+def cut(scene: dict, kind: Kind) -> dict | None:
+    """The block in two, bonded at half its height; None where its sides or its depth keep it whole."""
+    if kind.name == "plate" or scene["body"][0]["name"] != "block" or len(scene["body"]) > 1:
+        return None
+    if any(contact["on"] not in (["top"], ["bottom"]) for contact in scene.get("contact", [])):
+        return None
+    scene = copy.deepcopy(scene)
+    (block,) = scene["body"]
+    foot = copy.deepcopy(block) | {"name": FOOT}
+    half = 0.5 * block["mesh"]["size"][-1]
+    for body, side in ((block, "top"), (foot, "bottom")):
+        body["mesh"]["size"][-1] = half
+        if kind.d == 2:
+            body["mesh"]["divisions"][-1] //= 2
+        for key in ("clamp", "traction", "foundation"):
+            if key in body:
+                body[key] = [one for one in body[key] if belongs(one, side)]
+    block["mesh"]["origin"][-1] += half
+    for contact in scene.setdefault("contact", []):
+        contact["name"] = "-".join(contact["bodies"])
+        if contact["on"] == ["bottom"]:
+            contact["bodies"][0] = FOOT
+    bond = {"bodies": ["block", FOOT], "on": ["bottom", "top"], "kind": "bonded"}
+    scene["contact"].append(bond)
+    scene["body"].append(foot)
+    return scene
+
+
+def belongs(entry: Any, side: str) -> bool:
+    """Whether a clamp or a load is on a part, of which one side is the whole block's."""
+    on = entry if isinstance(entry, str) else entry["on"]
+    return side in on or not ("top" in on or "bottom" in on)
+
+
+# Other units
+
+
+def scaled(value: Any, factor: float, length: float = 1.0) -> Any:
+    """A number, a list, a formula, or a table with a value and a history."""
+    if isinstance(value, dict):
+        return value | {"value": scaled(value["value"], factor, length)}
+    if isinstance(value, list | tuple):
+        return [scaled(each, factor, length) for each in value]
+    if isinstance(value, str):
+        places = re.sub(r"\b([xyz])\b", rf"(\1 / {length})", value)
+        return f"{factor} * ({places})"
+    return value * factor
+
+
+def in_units(scene: dict, kind: Kind, L: float, S: float) -> dict:
+    """Metres times L and pascals times S; in the plane forces are per unit of depth, whose number stays."""
+    F = S * L if kind.d == 2 and not kind.axis else S * L**2
+    scene = copy.deepcopy(scene)
+
+    def scale(table: dict, **factors: float) -> None:
+        for key, factor in factors.items():
+            if key in table:
+                table[key] = scaled(table[key], factor, L)
+
+    for body in scene["body"]:
+        scale(body["mesh"], origin=L, size=L, corners=L)
+        scale(body["material"], young=S, shear=S)
+        scale(body, volume_force=S / L, temperature=1.0)
+        for clamp in body.get("clamp", []):
+            if isinstance(clamp, dict):
+                scale(clamp, x=L, y=L, z=L, normal=L)
+        for load in body.get("traction", []):
+            scale(load, value=S, pressure=S, force=F, moment=F * L)
+        for springs in body.get("foundation", []):
+            scale(springs, normal=S / L, tangential=S / L)
+    for rigid in scene.get("rigid", []):
+        scale(rigid, point=L, center=L, pivot=L, displacement=L, radius=L, force=F, moment=F * L)
+    for contact in scene.get("contact", []):
+        scale(contact, gap=L)
+        scale(contact.get("friction", {}), slip_bound=S)
+        scale(contact.get("pretension", {}), force=F)
+    return scene
+
+
+def moved(scene: dict, shift: np.ndarray) -> dict:
+    """Everything elsewhere, also in formulas."""
+    scene = copy.deepcopy(scene)
+
+    def move(table: dict, *keys: str) -> None:
+        for key in keys:
+            if key in table:
+                table[key] = (np.array(table[key]) + shift).tolist()
+
+    def places(value: Any) -> Any:
+        if isinstance(value, list):
+            return [places(each) for each in value]
+        if not isinstance(value, str):
+            return value
+        return re.sub(r"\b[xyz]\b", lambda at: f"({at[0]} - ({shift['xyz'.index(at[0])]}))", value)
+
+    for body in scene["body"]:
+        move(body["mesh"], "origin", "corners")
+        for entry in (*body.get("clamp", []), *body.get("traction", [])):
+            for key in ("x", "y", "z", "value") if isinstance(entry, dict) else ():
+                if key in entry:
+                    entry[key] = places(entry[key])
+    for rigid in scene.get("rigid", []):
+        move(rigid, "point", "center", "pivot")
+    return scene
+
+
+# Turned
+
+SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (-1, -1), "top": (-1, 1)}
+SIDES |= {"front": (1, -1), "back": (1, 1)}
+"""Of a block: the axis of the normal and its sign."""
+
+
+def normal_clamp(clamp: Any, d: int) -> Any:
+    """A clamp of a side along its normal; that of an edge, which only keeps the block where it is, becomes that of the
+    side. None where it holds anything else."""
+    if isinstance(clamp, str):
+        return clamp
+    on = clamp["on"].partition(" ")[0]
+    on = "front" if "front" in clamp["on"] else on
+    given = [key for key in ("x", "y", "z", "normal") if key in clamp]
+    axis, sign = SIDES[on]
+    if given not in (["normal"], ["xyz"[axis % d]]):
+        return None
+    value = clamp[given[0]]
+    if isinstance(value, str):
+        return None
+    more = {"history": clamp["history"]} if "history" in clamp else {}
+    return {"on": on, "normal": value if given == ["normal"] else sign * value} | more
+
+
+def edge_of(clamp: Any) -> set[str]:
+    """The sides that meet where a clamp is, if several do."""
+    sides = set() if isinstance(clamp, str) else set(clamp["on"].split(" & "))
+    return sides if len(sides) > 1 else set()
+
+
+def turn(scene: dict, kind: Kind, R: np.ndarray) -> dict | None:
+    """Turned about the origin; None where a key is none of vectors and normals."""
+    scene, d = copy.deepcopy(scene), kind.d
+    if kind.axis:
+        return None
+
+    def rotate(table: dict, *keys: str) -> bool:
+        """Whether these keys are numbers."""
+        for key in keys:
+            value = table.get(key)
+            inner = value if isinstance(value, dict) else table
+            name = "value" if isinstance(value, dict) else key
+            if isinstance(inner.get(name), list):
+                if any(isinstance(one, str) for one in inner[name]):
+                    return False
+                inner[name] = (R @ inner[name]).tolist()
+        return True
+
+    good = True
+    for body in scene["body"]:
+        material, mesh = body["material"], body["mesh"]
+        if "axes" in material or "angle" in material:
+            return None  # it turns aside under one stress, so that no side keeps its direction
+        if "shear" in material:
+            frame = {"angle": 37.0} if d == 2 else {"axes": R.T[:2].tolist()}
+            body["material"] = material | frame
+        low, size = np.array(mesh.pop("origin")), np.array(mesh.pop("size"))
+        unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        if d == 3:
+            unit = np.vstack([np.c_[unit, np.zeros(4)], np.c_[unit, np.ones(4)]])
+        mesh["shape"] = "quadrilateral" if d == 2 else "hexahedron"
+        mesh["corners"] = ((low + unit * size) @ R.T).tolist()
+        clamps = body.get("clamp", [])
+        fixed = {clamp for clamp in clamps if isinstance(clamp, str)}
+        body["clamp"] = [normal_clamp(one, d) for one in clamps if not fixed & edge_of(one)]
+        good &= None not in body["clamp"]
+        good &= rotate(body, "volume_force")
+        for load in body.get("traction", []):
+            good &= rotate(load, "value", "force", "moment")
+    for rigid in scene.get("rigid", []):
+        vectors = ("point", "center", "pivot", "axis", "normal", "displacement", "force", "moment")
+        rotate(rigid, *vectors)
+    for contact in scene.get("contact", []):
+        rotate(contact.get("pretension", {}), "along")
+    return scene if good else None
+
+
+def otherwise(scene: dict, kind: Kind) -> tuple[dict, Seen]:
+    """A scene with all of these changes that it may have, and how its answer is read."""
+    seen = Seen()
+    if parts := cut(scene, kind):
+        scene, seen.cut = parts, True
+    if (other := turn(scene, kind, TURN[kind.d])) is not None:
+        # before units: corners of the turned block are scaled as the block is
+        scene, seen.turn = other, TURN[kind.d]
+    seen.shift = SHIFT[: kind.d] * (kind.up if kind.axis else 1.0)
+    scene = moved(in_units(permuted(scene), kind, LENGTH, STRESS), seen.shift)
+    seen.length = LENGTH
+    seen.force = STRESS * (LENGTH if kind.d == 2 and not kind.axis else LENGTH**2)
+    return scene, seen
