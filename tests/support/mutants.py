@@ -1178,6 +1178,20 @@ MUTANTS = [
             "body/test_estimate.py::test_stress_at_nodes_of_few_triangles_is_theirs",
         ),
         (
+            "bodies have the energy of all that are estimated together",
+            "body/estimate",
+            "float(energies[of_cells].sum())",
+            "float(energies.sum())",
+            "body/test_estimate.py::test_bodies_together_have_the_estimates_of_each",
+        ),
+        (
+            "bodies of other materials are estimated together",
+            "body/estimate",
+            "(repr(material), *nodes, heat is None)",
+            "(*nodes, heat is None)",
+            "body/test_estimate.py::test_bodies_together_have_the_estimates_of_each",
+        ),
+        (
             "no scatter in the estimate",
             "body/estimate",
             "SCATTER = 0.6",
