@@ -133,11 +133,12 @@ class Compliance:
         ).T  # symmetric; in Fortran's order for `mult`
         return other
 
-    def renew(self) -> None:
-        """Forget counts and estimates since the construction, for another case on the same factors. Not collective."""
-        self.count, self._norm = self._made.copy(), 0.0
-        if self._matrix is None:
-            self._dense = None
+    def another(self) -> Compliance:
+        """The same on the same factors, for another case or body: without counts and estimates since the construction.
+        Not collective."""
+        other = copy.copy(self)
+        other.count = self._made.copy()
+        return other
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons); both (size,). Collective on the body's communicator.

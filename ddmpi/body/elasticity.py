@@ -186,19 +186,21 @@ def assemble(mesh: Mesh, body: BodySpec, kept: Kept | None = None) -> Elasticity
     >>> elasticity.n, elasticity.supported, elasticity.A.getSize()
     (3036, True, (3036, 3036))
 
-    What is `kept` of the same body is taken: its stiffness depends on its mesh, material, foundations and the
-    directions of clamps, not on their values, nor on loads. Not collective. Raises InputError if the clamps contradict
-    each other, or leave a part of the body loose that is not connected to the rest.
+    What is `kept` of the same body, or of one alike, is taken: its stiffness depends on its mesh, wherever this is, on
+    material, foundations and the directions of clamps, not on their values, nor on loads. Not collective. Raises
+    InputError if the clamps contradict each other, or leave a part of the body loose that is not connected to the rest.
     """
     kept, name = kept or Kept(), body.name
-    mesh_key = kept.key("mesh", name)
     clamped = kept.get(
-        "supports", name, (mesh_key, body.clamp, histories(body)), lambda: supports(mesh, body)
+        "supports",
+        name,
+        (kept.key("mesh", name), body.clamp, histories(body)),
+        lambda: supports(mesh, body),
     )
     stiff = kept.get(
         "stiffness",
         name,
-        (mesh_key, body.material, body.foundation, clamped.free),
+        (kept.key("shape", name), body.material, body.foundation, clamped.free),
         lambda: _stiffness(mesh, body, clamped.free),
     )
     return kept.get(
@@ -254,6 +256,8 @@ def load_cases(mesh: Mesh, body: BodySpec, clamped: Supports, stiff: Supported) 
 
 def _stiffness(mesh: Mesh, body: BodySpec, free: np.ndarray) -> Supported:
     """The stiffness of a body on the directions that its clamps leave `free` (nv, d, d). Raises InputError."""
+    explain = partial(causes, mesh, body, free)
+    mesh = mesh.home  # which bodies have in common that are alike
     K, foundations = sum_stiffness(mesh, material_of(mesh, body)), list(springs(mesh, body))
     rows = sparse.vstack([Q for *_, Q in foundations], format="csr") if foundations else None
     motions = body_motions(mesh, K, free, body.name, rows)
@@ -285,7 +289,7 @@ def _stiffness(mesh: Mesh, body: BodySpec, free: np.ndarray) -> Supported:
     matrix.setBlockSize(d)  # createAIJWithArrays ignores its bsize
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC if motions.size else PETSc.Mat.Option.SPD, True)
     matrix.setNearNullSpace(near_null_space(mesh.points[nodes], loose))
-    matrix.setAttr("causes", partial(causes, mesh, body, free, sprung))
+    matrix.setAttr("causes", partial(explain, sprung))
     if not mesh.cell.linear:
         matrix.setAttr("coarse", partial(_linear_elements, mesh, nodes, loose))
     return Supported(

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import comb
 from typing import NamedTuple
@@ -49,6 +49,20 @@ EDGES = 2
 SCATTER = 0.6
 """The part of the squared distances of the samples of linear cells, one in each, from the polynomials around them that
 counts as error. Without it estimates are 0.68 to 1 of true errors."""
+
+
+SMALL, TOGETHER = 200, 1000
+"""Bodies of at most so many cells are estimated together, so many of them at most."""
+
+
+class Deformed(NamedTuple):
+    """A body with its displacement `u` (nv, d) in metres, and the temperature `heat` (nv,) over the state free of
+    stress (K), or None."""
+
+    mesh: Mesh
+    material: Material | Composite
+    u: np.ndarray
+    heat: np.ndarray | None = None
 
 
 class Recovery(NamedTuple):
@@ -159,14 +173,73 @@ def sum_errors(
 def estimate_error(
     mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None = None
 ) -> ErrorEstimate:
-    """Estimate the discretization error of the displacement `u` (nv, d) in metres. Not collective.
+    """The estimate of one body, as of `estimate_errors`. Not collective."""
+    return estimate_errors([Deformed(mesh, material, u, heat)])[0]
 
-    `heat` (nv,) is the temperature over the state free of stress (K).
+
+def estimate_errors(bodies: Sequence[Deformed]) -> list[ErrorEstimate]:
+    """Estimate the discretization errors of bodies, of small ones with a common material together. Not collective.
 
     Energy and error are zero if all strains are rounding. Errors of linear cells that lock are nan: they hardly deform,
     so that their stress jumps little however wrong it is. At interfaces of materials the true stress jumps, and is
     recovered from either side.
     """
+    kinds = dict[tuple, list[int]]()
+    for k, body in enumerate(bodies):
+        mesh, material, _, heat = body
+        small = len(mesh.triangles) <= SMALL and isinstance(material, Material)
+        nodes = mesh.triangles.shape[1], mesh.dimension, mesh.axisymmetric
+        kind = (repr(material), *nodes, heat is None) if small else (k,)
+        kinds.setdefault(kind, []).append(k)
+    found: dict[int, ErrorEstimate] = {}
+    for numbers in kinds.values():
+        for first in range(0, len(numbers), TOGETHER):
+            some = numbers[first : first + TOGETHER]
+            found |= zip(some, _estimates([bodies[k] for k in some]), strict=True)
+    return [found[k] for k in range(len(bodies))]
+
+
+def _together(bodies: Sequence[Deformed]) -> Deformed:
+    """Bodies of one material as one, in pieces."""
+    if len(bodies) == 1:
+        return bodies[0]
+    meshes, materials, moved, heats = zip(*bodies, strict=True)
+    starts = itertools.accumulate(map(len, moved), initial=0)
+    cells = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
+    points = np.concatenate([mesh.points for mesh in meshes])
+    whole = Mesh(points, np.concatenate(cells), {}, axisymmetric=meshes[0].axisymmetric)
+    heat = None if heats[0] is None else np.concatenate(heats)
+    return Deformed(whole, materials[0], np.concatenate(moved), heat)
+
+
+def _estimates(bodies: Sequence[Deformed]) -> Iterator[ErrorEstimate]:
+    """The estimates of bodies of one material."""
+    mesh, material, u, heat = _together(bodies)
+    squares, energies, stress = _by_cells(mesh, material, u, heat)
+    measures = mesh.measures()
+    materials = [material] if isinstance(material, Material) else material.materials
+    stiffest = max(one.tensor(mesh.dimension).max() for one in materials)
+    locked = mesh.cell.linear and any(one.locks for one in materials)
+    node = cell = 0
+    for body in bodies:
+        of_cells, nodes = (
+            slice(cell, cell + len(body.mesh.triangles)),
+            slice(node, node + len(body.u)),
+        )
+        cell, node = of_cells.stop, nodes.stop
+        areas, energy, own = measures[of_cells], float(energies[of_cells].sum()), squares[of_cells]
+        rounding = ROUNDING * np.abs(body.u).max()
+        if energy <= stiffest * len(areas) * rounding**2:  # a rigid motion
+            own, energy = np.zeros(len(areas)), 0.0
+        if locked:
+            own = np.full(len(areas), np.nan)
+        yield ErrorEstimate(own, areas, energy, stress[nodes])
+
+
+def _by_cells(
+    mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Squared errors and squared energy norms (nt,) of the cells, and the recovered stress at the nodes."""
     cell, points, measures = mesh.cell, mesh.cell.rule[0], mesh.measures()
     shapes = cell.shapes(points)
     spans = [
@@ -180,8 +253,7 @@ def estimate_error(
     )  # stress is a sum of derivatives of shape functions
     split, sampled, recovered = _recovered(mesh, material, u, heat)
     places = sample_places(mesh)
-    squares: np.ndarray = np.zeros(len(measures))
-    energy = 0.0
+    squares, energies = np.zeros((2, len(measures)))
     for cells, uniform, curved in portions(mesh, material):
         computed, weights = between @ sampled[..., cells], uniform.thickness * cell.rule[1]
         share = weights[:, None] * measures[cells]
@@ -195,23 +267,15 @@ def estimate_error(
             scatter = _scatter(recovered, uniform, places[..., cells], sampled[..., cells], cells)
             error += SCATTER * uniform.thickness * measures[cells] * scatter
         squares[cells] = error
-        energy += float((share * energy_density(uniform, computed)).sum())
+        energies[cells] = (share * energy_density(uniform, computed)).sum(axis=0)
         if heat is not None:  # in plane strain σ_zz has energy as well
             warm = (
                 cell_temperature(mesh, heat, points, cells)
                 if curved
                 else (between @ cell_temperature(mesh, heat, cell.samples[0], cells))
             )
-            energy += thermal(uniform, mesh.strains)[3] * float((share * warm**2).sum())
-    materials = [material] if isinstance(material, Material) else material.materials
-    stiffest = max(one.tensor(mesh.dimension).max() for one in materials)
-    if energy <= stiffest * len(measures) * (ROUNDING * np.abs(u).max()) ** 2:  # a rigid motion
-        squares, energy = np.zeros(len(measures)), 0.0
-    if mesh.cell.linear and any(one.locks for one in materials):
-        squares = np.full(len(measures), np.nan)
-    return ErrorEstimate(
-        squares, measures, energy, _joined(mesh, material, split, recovered.nodes, heat)
-    )
+            energies[cells] += thermal(uniform, mesh.strains)[3] * (share * warm**2).sum(axis=0)
+    return squares, energies, _joined(mesh, material, split, recovered.nodes, heat)
 
 
 def _scatter(

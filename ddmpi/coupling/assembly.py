@@ -33,6 +33,7 @@ from ddmpi.interface.law import law_of
 from ddmpi.interface.matching import face_rigid
 from ddmpi.interface.mortar import connect
 from ddmpi.interface.rows import uncovered_profile
+from ddmpi.interface.trace import placed
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
@@ -41,6 +42,7 @@ from ddmpi.scene.bodies import Material, SettledBody
 from ddmpi.scene.contacts import NoFriction, SettledContact
 from ddmpi.scene.motions import frames_of
 from ddmpi.scene.scene import Settled
+from ddmpi.surface.side import Located, Side
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
@@ -53,11 +55,17 @@ NO_SIZES: Mapping[str, Sizes] = {}
 Drawn = tuple[Interface, list[str]]
 """An interface as drawn, with warnings."""
 
+BothLocated = tuple[Located, Located | None]
+"""The sides of a contact; None for a rigid partner."""
+
+PAIR = "first", "second"
+"""The names of two bodies whose interface others have in common."""
+
 REUSED = {
     "mesh": ["mesh"],
     "stiffness": ["stiffness"],
     "compliance": ["factors", "compliance"],
-    "rows": ["rows"],
+    "pair": ["rows"],
 }
 """What the summary calls the stages that a `Kept` has reused; the others take next to no time."""
 
@@ -221,8 +229,9 @@ def prepare(
         with agreed(world):
             mine = assemble_bodies(share)
         # Sides are small. The ranks of both bodies get both of them and compute the same interface, bit for bit.
-        sides = share.exchange.swap_objects(mine)
-        drawn = {} if scene.far else meet_as_drawn(share, sides, refinement)
+        located = share.exchange.swap_objects(mine)
+        drawn = {} if scene.far else meet_as_drawn(share, located, refinement)
+    sides = dict(zip(located, map(_there, located.values()), strict=True))
     with clock.phase("factor"):
         bodies = plan_bodies(share, drawn, team if factor else None)
         with agreed(world):
@@ -261,7 +270,7 @@ def prepare(
 
 
 def meet_as_drawn(
-    share: Share, sides: Mapping[str, BothSides], refinement: int
+    share: Share, sides: Mapping[str, BothLocated], refinement: int
 ) -> dict[str, Drawn]:
     """The interfaces of this rank's contacts where bodies are drawn, with warnings. Collective. Raises InputError."""
     scene, world = share.scene, share.exchange.world
@@ -293,17 +302,21 @@ def plan_bodies(share: Share, drawn: Mapping[str, Drawn], team: Team | None) -> 
     with agreed(world):
         for part in share.parts:
             name, mesh, problem = part.spec.name, part.mesh, part.problem
-            points = mesh.points[problem.nodes]
+            points = mesh.home.points[problem.nodes]
             if team and team.comm.size > 1:
                 whole = partial(assemble, mesh, part.spec)
                 make = partial(TeamMatrix, team, problem, points, whole)
                 matrix = kept.get("matrix", name, kept.key("stiffness", name), make)
                 problem = replace(problem, A=matrix)
             if scene.far:
-                bodies.append(Framed(problem, scene, mesh, part.spec, part.sides, memory))
+                faces = [located.side for located in part.sides]
+                bodies.append(Framed(problem, scene, mesh, part.spec, faces, memory))
                 continue
             ours = Sides(name, [drawn[contact.name][0] for contact, _ in part.touching])
-            kind, B = scene.method.compliance, ours.rows(problem)
+            rows = [(kept.key("pair", contact.name), side) for contact, side in part.touching]
+            depends = kept.key("stiffness", name), rows
+            B = kept.get("candidates", name, depends, partial(ours.rows, problem))
+            kind = scene.method.compliance
             bodies.append(Factored(name, problem, B, kind, memory, histories, points, solves))
     return bodies
 
@@ -396,7 +409,7 @@ def _idle(scene: Settled) -> list[str]:
 def _join(
     scene: Settled,
     contact: SettledContact,
-    sides: BothSides,
+    sides: BothLocated,
     specs: Sequence[SettledBody],
     factors: Mapping[float, Mapping[str | None, float]],
     refinement: int,
@@ -404,23 +417,17 @@ def _join(
 ) -> Drawn:
     """The interface of two sides, or of one and a rigid partner, of the bodies `specs`, and warnings. `factors` are by
     the turning points of loads, and by history. Raises InputError."""
-    (first, second), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in specs}
-    unit = scene.units["length"]
-    if second is None:
+    (one, other), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in specs}
+    unit, (first, second) = scene.units["length"], _there(sides)
+    if other is None or second is None:
         (rigid,) = (rigid for rigid in scene.rigid if rigid.name == contact.bodies[1])
-        depends: tuple = (rigid,)
         make, partner = partial(face_rigid, first, rigid, contact), Mover(rigid)
+        interface = kept.get("pair", contact.name, (first, rigid, _bare(contact)), make)
     else:
         if any(body.mesh.drawn for body in specs):
             refinement = 1  # its nodes match by their number alone
-        depends, make = (second, refinement), partial(connect, first, second, contact, refinement)
+        interface = _connected(contact, one, other, refinement, kept)
         partner = Mover(second, clamps[second.body])
-    # rows depend on friction only by whether there is any
-    drawn = (
-        msgspec.structs.replace(contact, friction=NoFriction()),
-        isinstance(contact.friction, NoFriction),
-    )
-    interface = kept.get("rows", contact.name, (first, depends, drawn), make)
     law = law_of(
         contact.friction,
         interface.xy,
@@ -462,6 +469,51 @@ def _join(
         ]
     )
     return interface, idle + bare + overlaps + uncovered_profile(interface, contact)
+
+
+def _there(sides: BothLocated) -> BothSides:
+    """The sides of a contact where its bodies are. Not collective."""
+    first, second = sides
+    return first.there, second.there if second else None
+
+
+def _bare(contact: SettledContact) -> tuple[SettledContact, bool]:
+    """What rows depend on: on friction only by whether there is any."""
+    bare = msgspec.structs.replace(contact, friction=NoFriction())
+    return bare, isinstance(contact.friction, NoFriction)
+
+
+def _connected(
+    contact: SettledContact, one: Located, other: Located, refinement: int, kept: Kept
+) -> Interface:
+    """The interface of two bodies, which pairs of alike bodies that are alike to each other have in common: without
+    names, and as far from the origin as the first body's home. Not collective. Raises InputError."""
+    names = dict(zip(contact.bodies, PAIR, strict=True))
+    slave = names.get(contact.slave or "")
+    alike = msgspec.structs.replace(contact, name="", bodies=PAIR, slave=slave)
+    # a gap that varies is that of the place
+    anywhere = contact.opening[0] is None or isinstance(contact.opening[0], float)
+    start = one.shift if anywhere else np.zeros_like(one.shift)
+    shifts = [located.shift - start for located in (one, other)]
+
+    def make() -> Interface:
+        first, second = map(Side.shifted, (one.side, other.side), shifts, PAIR)
+        return connect(first, second, alike, refinement)
+
+    depends = (one.side, other.side, shifts, refinement, _bare(alike))
+    try:
+        found = kept.get("pair", contact.name, depends, make)
+    except InputError:
+        connect(one.there, other.there, contact, refinement)  # which says where
+        raise
+    slave = dict(zip(PAIR, contact.bodies, strict=True)).get(found.slave or "")
+
+    def place() -> Interface:
+        called = replace(found, name=contact.name, bodies=contact.bodies, slave=slave)
+        return placed(called, Frame.of(start))
+
+    where = kept.key("pair", contact.name), contact.bodies, start
+    return kept.get("rows", contact.name, where, place)
 
 
 def _check_method(share: Share, interfaces: Sequence[Interface]) -> None:

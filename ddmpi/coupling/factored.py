@@ -113,16 +113,18 @@ class Factored:
         if not self.elasticity.supported:
             # A is singular. With springs on a few dofs its inverse is a generalised inverse of A; centring removes what
             # depends on the springs: C ← P C P, h ← P h, P = 1 − Gᵀ(G Gᵀ)⁺G; and what `_even` adds.
-            self.centring = Centring(self._R, self.B)
+            self.centring = kept.get(
+                "centring", self.name, self.depends(kept), lambda: Centring(self._R, self.B)
+            )
         # not kept for another case if the solver is iterative, as it starts from earlier solutions
-        self.C, options = kept.get(
+        whole, options = kept.get(
             "compliance",
             self.name,
             self.depends(kept),
             self._compliance,
             lambda value: value[0].solver.direct,
         )
-        self.C.renew()
+        self.C = whole.another()
         ask(options)
         self.dear = self.C.kind == "iterative"
         if self.centring and self.centring.faint.any():

@@ -84,7 +84,7 @@ class Framed(Factored):
             scene.method.compliance,
             memory,
             [None, *scene.followed],
-            mesh.points[elasticity.nodes],
+            mesh.home.points[elasticity.nodes],
             STEPS,
         )
         self._refuse(mesh, body, len(nodes))

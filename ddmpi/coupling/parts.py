@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 from mpi4py import MPI
 
@@ -21,10 +22,11 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import SettledContact
+from ddmpi.scene.meshes import SettledMesh
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.seams import find_seam
-from ddmpi.surface.side import Side
+from ddmpi.surface.side import Located, Side
 from ddmpi.system import interrupt
 
 
@@ -38,7 +40,7 @@ class Part:
     touching: list[tuple[SettledContact, int]]
     mesh: Mesh = field(init=False)
     problem: Elasticity = field(init=False)
-    sides: list[Side] = field(default_factory=list)
+    sides: list[Located] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -83,14 +85,14 @@ def mesh_bodies(share: Share, folder: Path, sizes: Mapping[str, Sizes]) -> None:
         interrupt.check()
 
 
-def assemble_bodies(share: Share) -> dict[tuple[str, int], Side]:
+def assemble_bodies(share: Share) -> dict[tuple[str, int], Located]:
     """Find stiffness, loads and sides of this rank's bodies; the sides by contact and number. Not collective. Raises
     InputError and InterruptionError."""
     sides = {}
     for part in share.parts:
         part.problem = _assemble(part, share.kept)
         for contact, side in part.touching:
-            sides[contact.name, side] = _side(part, contact, side, share.kept)
+            sides[contact.name, side] = _side(share, part, contact, side)
             part.sides.append(sides[contact.name, side])
         interrupt.check()
     return sides
@@ -98,11 +100,13 @@ def assemble_bodies(share: Share) -> dict[tuple[str, int], Side]:
 
 def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
     """The mesh of a body, which depends on what the scene says of it and on the content of its file, and resolves the
-    groups on which something acts. Not collective. Raises InputError."""
+    groups on which something acts. Shapes that differ by their place alone are shifts of one mesh. Not collective.
+    Raises InputError."""
     scene, spec, kept = share.scene, part.spec, share.kept
     file, contacts = content(spec, folder), [contact.on[side] for contact, side in part.touching]
+    home, shift = spec.mesh.at_home(scene.axisymmetric)
     depends = (
-        spec.mesh,
+        home,
         kept.key("file", spec.name) if file is None else file,
         contacts,
         sizes,
@@ -110,12 +114,18 @@ def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
         scene.axisymmetric,
         [(name, acting.on) for name, acting in spec.acting],
     )
-    return kept.get(
-        "mesh",
-        spec.name,
-        depends,
-        lambda: build_mesh(spec, folder, contacts, sizes, scene.dimension, scene.axisymmetric),
-    )
+
+    def build(mesh: SettledMesh) -> Mesh:
+        body, kind = msgspec.structs.replace(spec, mesh=mesh), (scene.dimension, scene.axisymmetric)
+        return build_mesh(body, folder, contacts, sizes, *kind)
+
+    try:
+        at_home = kept.get("shape", spec.name, depends, lambda: build(home))
+    except InputError:
+        build(spec.mesh)  # which says where
+        raise
+    where = kept.key("shape", spec.name), shift
+    return kept.get("mesh", spec.name, where, lambda: at_home.shifted(shift) if shift else at_home)
 
 
 def _assemble(part: Part, kept: Kept) -> Elasticity:
@@ -135,31 +145,36 @@ def _assemble(part: Part, kept: Kept) -> Elasticity:
     return replace(elasticity, warnings=[*warnings, *elasticity.warnings])
 
 
-def _side(part: Part, contact: SettledContact, side: int, kept: Kept) -> Side:
+def _side(share: Share, part: Part, contact: SettledContact, side: int) -> Located:
     """The side of a body on a contact. Not collective. Raises InputError."""
-    mesh, spec, group = part.mesh, part.spec, contact.on[side]
+    kept, spec, group = share.kept, part.spec, contact.on[side]
+    mesh, supports = part.mesh.home, part.problem.supports
     others = [(other, which) for other, which in part.touching if other is not contact]
+    boundary = mesh.facets(group)
+    nodes = np.unique(boundary.nodes)
     depends = (
-        spec.name,
-        kept.key("supports", spec.name),
+        kept.key("shape", spec.name),
+        [supports.clamps[nodes], supports.free[nodes]],
+        {history: u[nodes] for history, u in supports.moved.items()},
         spec.material,
-        contact.on[side],
+        group,
         [(other.on[which], holds_along(other)) for other, which in others],
     )
 
     def make() -> Side:
-        boundary, supports = mesh.facets(group), part.problem.supports
         return contact_side(
             mesh,
             boundary,
             supports,
-            spec.name,
+            "",
             modulus_beside(mesh, material_of(mesh, spec), boundary),
             _tied(mesh, others, supports.free, group),
             any(group == other.on[which] for other, which in others),
         )
 
-    return kept.get("side", f"{contact.name}.{side}", depends, make)
+    _, shift = spec.mesh.at_home(share.scene.axisymmetric)
+    found = kept.get("side", f"{contact.name}.{side}", depends, make)
+    return Located(found, spec.name, np.array(shift or np.zeros(mesh.dimension)))
 
 
 def _tied(

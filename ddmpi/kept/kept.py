@@ -3,6 +3,7 @@
 A run is a chain of stages: mesh, stiffness, compliance, free displacements, interfaces. Each is a value that a function
 makes of others. `Kept` holds the last value of each stage of each body or contact with a key, a digest of all that the
 function reads. Where the key of a case is the same, so is the value, to the bit, and it is taken instead of made.
+Within a case bodies and contacts that are alike have the same keys, and share what is made for the first of them.
 """
 
 import dataclasses
@@ -76,6 +77,7 @@ class Kept:
         self.found: dict[str, list[str]] = {}
         self._locked = locked
         self._entries: dict[tuple[str, str], tuple[str, Any]] = {}
+        self._alike: dict[tuple[str, str], Any] = {}  # values of this case, by stage and key
         self._conditions, self._memory = "", 0.0
         self._met: set[tuple[str, str]] = set()
         self._unlike = itertools.count()
@@ -83,6 +85,7 @@ class Kept:
     def begin(self, conditions: Any) -> None:
         """Begin a case. `conditions`, such as options, belong to all keys."""
         self.found, self._met, self._conditions = {}, set(), digest(conditions)
+        self._alike.clear()
 
     def get(
         self,
@@ -93,19 +96,22 @@ class Kept:
         lasts: Callable[[T], bool] = lambda value: True,
     ) -> T:
         """The value of a stage of a body or contact that depends on the content of `depends`, see `digest`; made where
-        it is not there, and kept if it `lasts`."""
+        it is not there, and kept and shared if it `lasts`."""
         slot, key = (stage, owner), digest(self._conditions, depends)
         self._met.add(slot)
         if slot in self._entries and self._entries[slot][0] == key:
             self.found.setdefault(owner, []).append(stage)
-            return self._entries[slot][1]
+            return self._alike.setdefault((stage, key), self._entries[slot][1])
         self._entries.pop(slot, None)  # its memory goes before the new value is made
-        value = make()
-        if self._locked:
-            _lock(value)
-        if lasts(value):
-            self._entries[slot] = key, value
-        return value
+        if (stage, key) not in self._alike:
+            value = make()
+            if self._locked:
+                _lock(value)
+            if not lasts(value):
+                return value
+            self._alike[stage, key] = value
+        self._entries[slot] = key, self._alike[stage, key]
+        return self._alike[stage, key]
 
     def key(self, stage: str, owner: str) -> str:
         """The key of a value that this case has got, for what depends on it; unlike all others if none is kept."""
@@ -129,6 +135,7 @@ class Kept:
 
     def end(self) -> None:
         """Drop what the case has not met, such as the stages of a body that is no more."""
+        self._alike.clear()
         self._drop(self._entries.keys() - self._met)
 
     def _drop(self, slots: set[tuple[str, str]]) -> None:

@@ -6,7 +6,8 @@ Where it is off the midpoint of the chord, the edge is curved: the parabola thro
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from math import factorial
@@ -156,6 +157,18 @@ class Mesh:
     @cached_property
     def _resolved(self) -> dict[str, Facets]:
         return {}
+
+    @property
+    def home(self) -> Mesh:
+        """The mesh that this one is a shift of, by which bodies are alike; by default itself."""
+        return vars(self).get("_home", self)
+
+    def shifted(self, shift: Sequence[float]) -> Mesh:
+        """The same mesh elsewhere, by a shift (d,) in metres. What no shift changes is found once for all."""
+        other = replace(self, points=np.array(shift) + self.points)
+        known = {name: getattr(self, name) for name in ("_sides", "_resolved", "curved")}
+        vars(other).update(known, _home=self.home)
+        return other
 
     def facets(self, name: str) -> Facets:
         """The boundary group `name`, resolved at the first call. Raises InputError where there is no such group, where

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.body.estimate import DiscretizationError, estimate_error, sum_errors
+from ddmpi.body.estimate import Deformed, DiscretizationError, estimate_errors, sum_errors
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import WorkingRanks, on_working_ranks, team_of
 from ddmpi.coupling.team import Team
@@ -324,15 +324,19 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
     if assembly.scene.output.only and not assembly.scene.method.target_error:
         return DiscretizationError(np.nan, {}, {}, 0.0)
     with clock.phase("estimate"):
-        errors = {
-            body.spec.name: estimate_error(
-                body.mesh,
-                body.material,
-                solution.displacements[body.spec.name],
-                body.member.elasticity.acting.heated,
-            )
-            for body in assembly.bodies
-        }
+        names = [body.spec.name for body in assembly.bodies]
+        found = estimate_errors(
+            [
+                Deformed(
+                    body.mesh,
+                    body.material,
+                    solution.displacements[body.spec.name],
+                    body.member.elasticity.acting.heated,
+                )
+                for body in assembly.bodies
+            ]
+        )
+        errors = dict(zip(names, found, strict=True))
         numbers = {name: (error.total, error.energy, error.area) for name, error in errors.items()}
         bodies = gathered(assembly.world, numbers)
         return sum_errors(

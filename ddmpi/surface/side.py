@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from math import factorial
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
@@ -89,6 +89,12 @@ class Side:
     def corners(self) -> np.ndarray:
         """(f, d) the nodes at the corners of the facets."""
         return self.facets[:, : self.dimension]
+
+    def shifted(self, shift: np.ndarray, body: str) -> Side:
+        """The side of a body of this name that is elsewhere, by a shift (d,) in metres."""
+        other = replace(self, body=body, xy=shift + self.xy)
+        vars(other).update({name: getattr(self, name) for name in (*self.KEPT, *self.TURNS)})
+        return other
 
     def placed(self, frame: Frame, reach: float | None = None) -> Side:
         """The side where a frame has taken its body; overlaps are looked for up to a depth of `reach` (m), or by the
@@ -178,6 +184,20 @@ class Side:
         facets = self.facets[some]
         total = unit(nodal(across(self.xy[facets]), facets, len(self.nodes)))
         return np.where(total.any(axis=1, keepdims=True), total, self.normal)
+
+
+class Located(NamedTuple):
+    """A side that alike bodies have in common, of a body without a name where their mesh is at home; and a body of this
+    name that is elsewhere, by a shift (d,) in metres."""
+
+    side: Side
+    body: str
+    shift: np.ndarray
+
+    @property
+    def there(self) -> Side:
+        """The side of this body."""
+        return self.side.shifted(self.shift, self.body)
 
 
 def laplacian(

@@ -9,8 +9,10 @@ from scenes import certified, fretting_pad, other_diagonals, pinched_blocks, tow
 from scipy.sparse.linalg import spsolve
 
 from ddmpi.body.estimate import (
+    Deformed,
     ErrorEstimate,
     estimate_error,
+    estimate_errors,
     nodal_stress,
     relative_error,
     sum_errors,
@@ -195,6 +197,27 @@ def test_what_the_elements_hold_exactly_has_no_error(order):
     assert estimate.total <= 1e-20 * estimate.energy
     at_rest = estimate_error(mesh, STEEL, np.zeros_like(u))
     assert relative_error(at_rest.total, at_rest.energy) == 0.0
+
+
+@ORDERS
+def test_bodies_together_have_the_estimates_of_each(order):
+    """Small bodies of one material are estimated as one mesh in pieces, others by themselves."""
+    soft, warm = Material(young=1e9, poisson=0.2), Material(young=1e9, poisson=0.2, expansion=1e-5)
+    meshes = [rectangle(N, order) for N in (2, 3, 4, 2, 3, 2, 2, 12)]
+    kinds = [STEEL, STEEL, soft, STEEL, soft, warm, warm, STEEL]
+    bodies = [
+        Deformed(
+            mesh, kind, (1 + k) * wave(mesh.points), mesh.points[:, 0] if kind is warm else None
+        )
+        for k, (mesh, kind) in enumerate(zip(meshes, kinds, strict=True))
+    ]
+    bodies[3] = bodies[3]._replace(u=np.ones_like(bodies[3].u))  # a rigid motion
+    for body, found in zip(bodies, estimate_errors(bodies), strict=True):
+        alone = estimate_error(*body)
+        for name in ("squares", "areas", "energy", "stress"):
+            value = getattr(alone, name)
+            size = np.abs(value).max()
+            assert getattr(found, name) == pytest.approx(value, rel=0, abs=1e-12 * size)
 
 
 @ORDERS

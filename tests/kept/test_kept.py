@@ -76,13 +76,40 @@ def test_values_are_taken_by_key():
         assert get(key) == f"upper {key}"
         assert len(made) == number
     assert kept.found == {"upper": ["mesh"]}
-    assert get("a", "lower") == "lower a"
+    assert get("b", "lower") == "lower b"
     kept.begin(2)
     assert kept.found == {}
     get("c", lasts=False)
     kept.begin(2)
     get("c")
     assert len(made) == 7
+
+
+def test_what_is_alike_is_made_once_in_a_case():
+    """Owners with the same key share the value of the first one, but neither one that does not last nor one of a case
+    before that nobody has taken."""
+    kept, made = Kept(), []
+
+    def get(owner, key, lasts=True):
+        return kept.get(
+            "mesh", owner, key, lambda: made.append(owner) or [owner], lambda value: lasts
+        )
+
+    kept.begin(None)
+    first = get("first", 1)
+    assert get("second", 1) is first
+    assert kept.key("mesh", "second") == kept.key("mesh", "first")
+    assert kept.found == {}
+    assert get("third", 2) == ["third"]
+    assert [get("fourth", 3, lasts=False), get("fifth", 3)] == [["fourth"], ["fifth"]]
+    kept.end()
+    kept.begin(None)
+    assert get("sixth", 1) == ["sixth"]
+    kept.begin(None)
+    assert get("second", 1) is first
+    assert get("seventh", 1) is first
+    assert kept.found == {"second": ["mesh"]}
+    assert made == ["first", "third", "fourth", "fifth", "sixth"]
 
 
 def test_what_depends_on_something_not_kept_is_not_taken():

@@ -307,6 +307,19 @@ def test_each_dependency_counts(scene, overrides, tmp_path):
         compare(model, scene, overrides)
 
 
+def test_discs_are_no_blocks():
+    """A mesh around an axis is another one than that of the same shape in the plane."""
+    lower = rectangle("lower", [0.0, 0.0], [1.0, 0.5], [2, 1], clamp=["bottom"])
+    upper = rectangle("upper", [0.0, 0.5], [1.0, 0.5], [2, 1])
+    upper["traction"] = [{"on": "top", "value": [0.0, "-1e5 * (1 + x)"]}]
+    friction = {"law": "coulomb", "coefficient": 0.3}
+    contact = {"bodies": ["upper", "lower"], "on": ["bottom", "top"], "friction": friction}
+    scene = {"axisymmetric": True, "body": [lower, upper], "contact": [contact]}
+    with ddmpi.prepare(scene) as model:
+        model.solve()
+        compare(model, scene, {"axisymmetric": False})
+
+
 def test_sides_see_the_friction_of_others():
     """A node that another contact holds along this one has no row of its own at some ends of mortar contacts."""
     with ddmpi.prepare(SCENES["load steps"]) as model:
