@@ -2498,7 +2498,7 @@ MUTANTS = [
         (
             "full steps on every path",
             "methods/paths",
-            "if slopes[-1] <= SLOPE * falls:",
+            "if not falls > 0.0 or slopes[-1] <= SLOPE * falls:",
             "if True:",
             "methods/test_paths.py::test_a_step_ends_where_the_energy_is_least",
         ),
