@@ -1074,6 +1074,16 @@ def around(past: bool) -> dict:
     return STRAIN.scene(block, rigid=[disc], contact=[contact])
 
 
+def few(past: bool) -> dict:
+    """A block that comes from above onto a floor with three nodes, or with five."""
+    block = STRAIN.block(cells=(2 if past else 4, 2), clamp=[*STRAIN.walls(), STRAIN.hold("top")])
+    block["motion"] = {"shift": (-1.0001 * STRAIN.up).tolist()}
+    floor = STRAIN.floor(point=(STRAIN.low - STRAIN.up).tolist())
+    contact = {"bodies": ["block", "floor"], "on": ["bottom"]}
+    time = {"points": [1.0], "steps": 1, "motions": "far"}
+    return STRAIN.scene(block, rigid=[floor], contact=[contact], time=time)
+
+
 def open_by_rounding(past: bool) -> dict:
     """Sides that are apart by 1e-9 of what their bodies move by along them."""
     way = 0.0371
@@ -1129,6 +1139,7 @@ SOLVED = [
     Solved("rigid.far: no contact names it; nothing touches it", idle),
     Solved("times the distance of their neighbours", moved_on),
     Solved("times its radius, as at", around),
+    Solved("only 3 closed nodes, too few to resolve the pressure", few),
     Solved("rounding decides that it is open", open_by_rounding),
 ]  # fmt: skip
 """Warnings, whose scenes are solved on both sides."""
@@ -1137,7 +1148,7 @@ REFUSED = [
     Solved("is prescribed twice, as 0.001 and, on 'left', as 0.001", clashing),
     Solved("they face away from each other", overlapping),
     Solved("lies on the other side of the axis", beyond_the_axis),
-    Solved("their meshes must match node by node", of_another_number),
+    Solved("sides have 3 and 4 nodes; their meshes must match node by node", of_another_number),
     Solved("all nodes of the contact are clamped; there is nothing to solve", all_clamped),
 ]
 """Refusals of a mesh, its clamps and contacts."""
