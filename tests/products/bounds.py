@@ -1118,6 +1118,13 @@ def of_another_number(past: bool) -> dict:
     return stacked(PRESSED, lower, pairing="nodes")
 
 
+def aside(past: bool) -> dict:
+    """A lower block that is moved aside by a hundredth of what a node at an end has of the side, a quarter of it."""
+    scene = stacked(PRESSED, {}, pairing="nodes")
+    scene["body"][1]["mesh"]["origin"][0] += 0.25 * WIDTH * (1.01e-2 if past else 0.99e-2)
+    return scene
+
+
 def all_clamped(past: bool) -> dict:
     """A side whose normals are all held has no contact to solve."""
     held = [*STRAIN.walls(), STRAIN.hold("bottom" if past else "top")]
@@ -1149,6 +1156,7 @@ REFUSED = [
     Solved("they face away from each other", overlapping),
     Solved("lies on the other side of the axis", beyond_the_axis),
     Solved("sides have 3 and 4 nodes; their meshes must match node by node", of_another_number),
+    Solved("the nodes of the two sides do not lie opposite each other", aside),
     Solved("all nodes of the contact are clamped; there is nothing to solve", all_clamped),
 ]
 """Refusals of a mesh, its clamps and contacts."""
