@@ -1074,6 +1074,16 @@ def around(past: bool) -> dict:
     return STRAIN.scene(block, rigid=[disc], contact=[contact])
 
 
+def few(past: bool) -> dict:
+    """A block that comes from above onto a floor with three nodes, or with five."""
+    block = STRAIN.block(cells=(2 if past else 4, 2), clamp=[*STRAIN.walls(), STRAIN.hold("top")])
+    block["motion"] = {"shift": (-1.0001 * STRAIN.up).tolist()}
+    floor = STRAIN.floor(point=(STRAIN.low - STRAIN.up).tolist())
+    contact = {"bodies": ["block", "floor"], "on": ["bottom"]}
+    time = {"points": [1.0], "steps": 1, "motions": "far"}
+    return STRAIN.scene(block, rigid=[floor], contact=[contact], time=time)
+
+
 def open_by_rounding(past: bool) -> dict:
     """Sides that are apart by 1e-9 of what their bodies move by along them."""
     way = 0.0371
@@ -1108,6 +1118,13 @@ def of_another_number(past: bool) -> dict:
     return stacked(PRESSED, lower, pairing="nodes")
 
 
+def aside(past: bool) -> dict:
+    """A lower block that is moved aside by a hundredth of what a node at an end has of the side, a quarter of it."""
+    scene = stacked(PRESSED, {}, pairing="nodes")
+    scene["body"][1]["mesh"]["origin"][0] += 0.25 * WIDTH * (1.01e-2 if past else 0.99e-2)
+    return scene
+
+
 def all_clamped(past: bool) -> dict:
     """A side whose normals are all held has no contact to solve."""
     held = [*STRAIN.walls(), STRAIN.hold("bottom" if past else "top")]
@@ -1129,6 +1146,7 @@ SOLVED = [
     Solved("rigid.far: no contact names it; nothing touches it", idle),
     Solved("times the distance of their neighbours", moved_on),
     Solved("times its radius, as at", around),
+    Solved("only 3 closed nodes, too few to resolve the pressure", few),
     Solved("rounding decides that it is open", open_by_rounding),
 ]  # fmt: skip
 """Warnings, whose scenes are solved on both sides."""
@@ -1137,7 +1155,8 @@ REFUSED = [
     Solved("is prescribed twice, as 0.001 and, on 'left', as 0.001", clashing),
     Solved("they face away from each other", overlapping),
     Solved("lies on the other side of the axis", beyond_the_axis),
-    Solved("their meshes must match node by node", of_another_number),
+    Solved("sides have 3 and 4 nodes; their meshes must match node by node", of_another_number),
+    Solved("the nodes of the two sides do not lie opposite each other", aside),
     Solved("all nodes of the contact are clamped; there is nothing to solve", all_clamped),
 ]
 """Refusals of a mesh, its clamps and contacts."""

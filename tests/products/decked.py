@@ -69,6 +69,10 @@ def block(body: dict, kind: Kind, first: int) -> tuple[str, list[str]] | None:
             return None
         face = f"P{FACES[d]['top']}"
         loads += ["*DLOAD", *(f"{one}, {face}, {pressure!r}" for one in top)]
+    if any(
+        isinstance(one, str) for one in (*body.get("volume_force", []), body.get("temperature"))
+    ):
+        return None
     if "volume_force" in body:  # of the density 1
         *aside, up = body["volume_force"]
         way = ["0."] * 3

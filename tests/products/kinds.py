@@ -264,6 +264,7 @@ def in_steps(scene: dict, last: float) -> dict:
         for clamp in body.get("clamp", []):
             if not isinstance(clamp, str):
                 following(clamp, "x", "y", "z", "normal")
+        following(body.get("motion", {}), "shift")
         for key in ("volume_force", "temperature"):
             if key in body:
                 body[key] = {"value": over(body[key]), "history": "way"}

@@ -1,7 +1,8 @@
 """All messages of the program, by its syntax trees, and which of them no test asks.
 
 A message is a text of five words or more in a function, but for docstrings, the log and the rooms that draw and talk. It
-is asked if the tests have fourteen characters of it that stand in no other message: enough to know it by.
+is asked if the tests have fourteen characters of it that stand in no other message: enough to know it by. Of those that
+have none the tests cannot tell.
 """
 
 from __future__ import annotations
@@ -72,7 +73,7 @@ def unasked() -> set[str]:
             for k in range(len(part) - KNOWN_BY + 1):
                 of[part[k : k + KNOWN_BY]].add(name)
     own = {gram: name for gram, (name, *others) in of.items() if not others}
-    left = set(found)
+    left = set(own.values())
     for path in (ROOT / "tests").rglob("*.py"):
         if path.name not in NO_TESTS:
             # patterns have signs before brackets, and texts go on in the next line

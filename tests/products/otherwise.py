@@ -24,6 +24,8 @@ TURN = {2: turned(37.0)[:2, :2], 3: turned(37.0, (0.3, -0.5, 0.8))}
 FOOT = "foot"
 """The lower part of a block that is cut."""
 
+PARTS, ONE = ("block", FOOT), " of one"
+
 
 @dataclass
 class Seen:
@@ -55,13 +57,15 @@ class Seen:
 
     def value(self, summary: dict, key: str) -> Any:
         """What the promise calls `key`."""
-        if self.cut and key == "bodies.block.reaction":
-            both = (self.value(summary, f"bodies.{name}.sum") for name in ("block", FOOT))
+        of_both = key == "bodies.block.reaction" or key.startswith("bodies.block.loads.right")
+        if self.cut and of_both and not key.endswith(ONE):
+            both = (self.value(summary, key.replace("block", name, 1) + ONE) for name in PARTS)
             return np.sum([*both], axis=0)
+        key = key.removesuffix(ONE)
         if self.cut and key.startswith("bodies.block.reactions.bottom"):
             key = key.replace("block", FOOT)
         found: Any = summary
-        for part in key.replace(".sum", ".reaction").split("."):
+        for part in key.split("."):
             found = found[part]
         found = np.atleast_1d(found)
         if self.shift is not None and key.endswith(".moment") and found.any():
@@ -95,7 +99,12 @@ def permuted(scene: dict) -> dict:
 
 
 def cut(scene: dict, kind: Kind) -> dict | None:
-    """The block in two, bonded at half its height; None where its sides or its depth keep it whole."""
+    """The block in two, bonded at half its height; None where sides, depth or motion keep it whole, and where springs along
+    a surface move it without strains: all forces of the bond would be rounding, and so would its certificate."""
+    if any("tangential" in springs for springs in scene["body"][0].get("foundation", [])):
+        return None
+    if scene.get("time", {}).get("motions") == "far":
+        return None
     if kind.name == "plate" or scene["body"][0]["name"] != "block" or len(scene["body"]) > 1:
         return None
     if any(contact["on"] not in (["top"], ["bottom"]) for contact in scene.get("contact", [])):
@@ -132,7 +141,10 @@ def belongs(entry: Any, side: str) -> bool:
 
 
 def scaled(value: Any, factor: float, length: float = 1.0) -> Any:
-    """A number, a list, a formula, or a table with a value and a history."""
+    """A number, a list, a formula, a profile, or a table with a value and a history."""
+    if isinstance(value, dict) and "points" in value:
+        points, values = scaled(value["points"], length), scaled(value["values"], factor)
+        return value | {"points": points, "values": values}
     if isinstance(value, dict):
         return value | {"value": scaled(value["value"], factor, length)}
     if isinstance(value, list | tuple):
@@ -157,6 +169,7 @@ def in_units(scene: dict, kind: Kind, L: float, S: float) -> dict:
         scale(body["mesh"], origin=L, size=L, corners=L)
         scale(body["material"], young=S, shear=S)
         scale(body, volume_force=S / L, temperature=1.0)
+        scale(body.get("motion", {}), shift=L)
         for clamp in body.get("clamp", []):
             if isinstance(clamp, dict):
                 scale(clamp, x=L, y=L, z=L, normal=L)
@@ -185,16 +198,27 @@ def moved(scene: dict, shift: np.ndarray) -> dict:
     def places(value: Any) -> Any:
         if isinstance(value, list):
             return [places(each) for each in value]
+        if isinstance(value, dict):
+            return value | {"value": places(value["value"])}
         if not isinstance(value, str):
             return value
         return re.sub(r"\b[xyz]\b", lambda at: f"({at[0]} - ({shift['xyz'.index(at[0])]}))", value)
 
     for body in scene["body"]:
         move(body["mesh"], "origin", "corners")
-        for entry in (*body.get("clamp", []), *body.get("traction", [])):
-            for key in ("x", "y", "z", "value") if isinstance(entry, dict) else ():
-                if key in entry:
-                    entry[key] = places(entry[key])
+        loads = [
+            one
+            for one in (*body.get("clamp", []), *body.get("traction", []))
+            if isinstance(one, dict)
+        ]
+        for table in (body, *loads):
+            for key in ("x", "y", "z", "value", "pressure", "volume_force", "temperature"):
+                if key in table:
+                    table[key] = places(table[key])
+    for contact in scene.get("contact", []):
+        if isinstance(profile := contact.get("friction", {}).get("slip_bound"), dict):
+            along = shift["xyz".index(profile["along"])]
+            profile["points"] = [point + along for point in profile["points"]]
     for rigid in scene.get("rigid", []):
         move(rigid, "point", "center", "pivot")
     return scene
@@ -223,6 +247,11 @@ def normal_clamp(clamp: Any, d: int) -> Any:
         return None
     more = {"history": clamp["history"]} if "history" in clamp else {}
     return {"on": on, "normal": value if given == ["normal"] else sign * value} | more
+
+
+def plain(value: Any) -> Any:
+    """The value of a table that has one."""
+    return value["value"] if isinstance(value, dict) else value
 
 
 def edge_of(clamp: Any) -> set[str]:
@@ -267,14 +296,17 @@ def turn(scene: dict, kind: Kind, R: np.ndarray) -> dict | None:
         fixed = {clamp for clamp in clamps if isinstance(clamp, str)}
         body["clamp"] = [normal_clamp(one, d) for one in clamps if not fixed & edge_of(one)]
         good &= None not in body["clamp"]
-        good &= rotate(body, "volume_force")
+        good &= rotate(body, "volume_force") and rotate(body.get("motion", {}), "shift")
+        good &= not isinstance(plain(body.get("temperature")), str)
         for load in body.get("traction", []):
             good &= rotate(load, "value", "force", "moment")
+            good &= not isinstance(load.get("pressure"), str)
     for rigid in scene.get("rigid", []):
         vectors = ("point", "center", "pivot", "axis", "normal", "displacement", "force", "moment")
         rotate(rigid, *vectors)
     for contact in scene.get("contact", []):
         rotate(contact.get("pretension", {}), "along")
+        good &= not isinstance(contact.get("friction", {}).get("slip_bound"), dict)
     return scene if good else None
 
 

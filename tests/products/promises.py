@@ -189,6 +189,49 @@ def weight(kind: Kind) -> Case:
     )
 
 
+@feature
+def weight_by_formula(kind: Kind) -> Case:
+    """It grows along x by 0.6 from side to side; around an axis outer rings have more of it."""
+    gamma, (low, *_), (width, *_) = 5.3e5, kind.low, kind.size
+    load = (kind.up * 0.0).astype(object)
+    load[-1] = f"-{gamma} * (1 + 0.6 * (x - {low}) / {width})"
+    scene = kind.scene(kind.block(clamp=["bottom"], volume_force=load.tolist()))
+    grown = 0.5 * kind.area()
+    if kind.axis:  # ∫ (r - a) 2π r dr over the width
+        a, b = low, low + width
+        grown = 2 * np.pi * ((b**3 - a**3) / 3 - a * (b**2 - a**2) / 2) / width
+    force = gamma * (kind.area() + 0.6 * grown) * kind.size[-1] * kind.up
+    borne = np.where(kind.up > 0.0, force, np.nan) if kind.axis else force
+    found = told(gamma * kind.area(), bodies__block__reactions__bottom__force=borne)
+    return Case(scene, told=found)
+
+
+@feature
+def pressure_that_grows_upwards(kind: Kind) -> Case:
+    """On a side, by 0.7 from its bottom to its top, as water's downwards; around an axis it has no resultant."""
+    up, low, height = "xyz"[kind.d - 1], kind.low[-1], kind.size[-1]
+    load = [{"on": "right", "pressure": f"{LOAD} * (1 + 0.7 * ({up} - {low}) / {height})"}]
+    scene = kind.scene(kind.block(clamp=["bottom"], traction=load))
+    if kind.axis:
+        still = np.array([np.nan, 0.0])
+        found = told(LOAD * kind.area(), bodies__block__reactions__bottom__force=still)
+        return Case(scene, told=found)
+    area = height * (kind.size[1] if kind.d == 3 else kind.thick)
+    force = -1.35 * LOAD * area * kind.aside
+    at = kind.middle(low + height * (0.5 + 0.7 / 3.0) / 1.35)
+    at[0] = kind.low[0] + kind.size[0]
+    moment = kind.moment(at, force)
+    found = told(
+        LOAD * area,
+        bodies__block__loads__right__force=force,
+        bodies__block__loads__right__moment=moment,
+        bodies__block__reaction=-force,
+        bodies__block__reactions__bottom__force=-force,
+        bodies__block__reactions__bottom__moment=-np.array(moment),
+    )
+    return Case(scene, told=found)
+
+
 # Supports
 
 
@@ -288,6 +331,30 @@ def heat_between_supports(kind: Kind) -> Case:
     free = kind.strains(STEEL, 0.0, WARM)[-1, -1]
     stress = -kind.modulus(STEEL) * free
     return pulled(kind, warm=WARM, stress=stress, temperature=WARM, clamp=[kind.hold("top")])
+
+
+@feature
+def heat_that_grows_upwards(kind: Kind) -> Case:
+    """Between walls a layer strains by its own temperature: u = α' (T y + ½ T' y²) with α' = α (1+ν) / (1−ν), in plane
+    stress α (1+ν)."""
+    up, low, height = "xyz"[kind.d - 1], kind.low[-1], kind.size[-1]
+    heat = f"{WARM} * (1 + 0.8 * ({up} - {low}) / {height})"
+    clamp = [*kind.walls(), kind.hold("bottom")]
+    scene = kind.scene(kind.block(clamp=clamp, temperature=heat))
+    nu = STEEL.poisson[0]
+    grows = STEEL.expansion[0] * (1 + nu)
+    grows /= 1.0 if kind.name in ("stress", "plate") else 1 - nu
+
+    def risen(points: np.ndarray) -> np.ndarray:
+        y = points[:, -1:] - low
+        return grows * WARM * (y + 0.4 * y**2 / height) * kind.up
+
+    size = STEEL.young[0] * grows * WARM * kind.area()
+    found = told(size, bodies__block__reactions__bottom__force=0.0 * kind.up)
+    if kind.axis:
+        found = {}
+    fields = {"block": risen} if kind.order == 2 else {}
+    return Case(scene, told=found, fields=fields)
 
 
 def orthotropic(kind: Kind) -> Stuff:
@@ -605,6 +672,40 @@ def coulombs_friction_that_slips(kind: Kind) -> Case:
 def trescas_friction_that_slips(kind: Kind) -> Case:
     bound = 0.08 * LOAD
     return sliding(kind, {"law": "tresca", "slip_bound": bound}, bound)
+
+
+@feature
+def trescas_friction_that_grows(kind: Kind) -> Case:
+    """A slip bound by a profile: the force is its mean over the contact, here that of its ends."""
+    k = 1 if kind.axis else 0
+    ends = [float(kind.low[k]), float(kind.low[k] + kind.size[k])]
+    bounds = [0.05 * LOAD, 0.11 * LOAD]
+    profile = {"along": "xy"[k], "points": ends, "values": bounds}
+    return sliding(kind, {"law": "tresca", "slip_bound": profile}, 0.08 * LOAD)
+
+
+@feature
+def far_motion(kind: Kind) -> Case:
+    """A block that is held at its top comes from far above a floor, and is pressed by what is left of its way."""
+    way, above = squeezed(kind), 3.7
+    block = kind.block(clamp=[*kind.guides()[1:], kind.hold("top")])
+    block["motion"] = {"shift": (-(above + way) * kind.up).tolist()}
+    floor = kind.floor(point=(kind.low - above * kind.up).tolist())
+    contact = [{"bodies": ["block", "floor"], "on": ["bottom"]}]
+    scene = kind.scene(block, rigid=[floor], contact=contact, grows=True)
+    scene["time"] = scene.get("time", {"points": [1.0], "steps": 1}) | {"motions": "far"}
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+    force = LOAD * kind.area() * kind.up
+    found = told(
+        LOAD * kind.area(),
+        **{
+            "contacts__block-floor__force": force,
+            "contacts__block-floor__normal_force": LOAD * kind.area(),
+            "rigid__floor__force": -force,
+        },
+    )
+    return Case(scene, told=found)
 
 
 def on_round(kind: Kind, shape: str, only: int) -> Case:
