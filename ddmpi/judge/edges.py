@@ -24,7 +24,7 @@ import numpy as np
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.overlap import Solid
+from ddmpi.judge.overlap import as_drawn
 from ddmpi.mesh.boundary import SHARPEST, Creases, creases
 from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import Mesh
@@ -68,7 +68,11 @@ class Singular(NamedTuple):
 
 def boundary_of(mesh: Mesh) -> tuple[np.ndarray, Creases]:
     """The straight facets (f, d) of a mesh, and the creases between them. Not collective."""
-    facets = Solid.of(mesh, np.zeros(1)).facets
+    return mesh.once(_boundary)
+
+
+def _boundary(mesh: Mesh) -> tuple[np.ndarray, Creases]:
+    facets = mesh.once(as_drawn).facets
     outward = mesh.points[facets[:, 0]] - mesh.points[facets[:, -1]]
     return facets[:, :-1], creases(mesh.points, facets[:, :-1], outward)
 

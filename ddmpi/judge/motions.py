@@ -5,7 +5,7 @@ A velocity (n,) is that of the body's centre, then its rotation: (v_x, v_y, ω),
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -64,6 +64,10 @@ class MotionsOfBody:
         inertia = np.einsum("k,kdi,kdj->ij", weights, moved, moved) + FLAT**2 * basis.T @ basis
         basis[len(centre) :] /= size
         return cls(name, centre, size, outline, basis, inertia)
+
+    def shifted(self, name: str, shift: np.ndarray) -> Self:
+        """Those of a body of this name that is elsewhere, by a shift (d,) in metres."""
+        return replace(self, name=name, centre=shift + self.centre, outline=shift + self.outline)
 
     @property
     def dimension(self) -> int:

@@ -54,10 +54,11 @@ class Solid:
     @classmethod
     def of(cls, mesh: Mesh, u: np.ndarray) -> Self:
         """A body of this mesh that moved by `u` (n, d)."""
-        d, (facets, owner), facet = mesh.dimension, mesh.boundary, mesh.cell.facet
-        opposite = mesh.corners[owner].sum(axis=1) - facets[:, :d].sum(axis=1)
-        outer = np.column_stack([facet.split(facets), np.tile(opposite, len(facet.parts))])
-        return cls(mesh.points, mesh.points + u, mesh.triangles, outer, np.arange(len(mesh.points)))
+        still = mesh.once(as_drawn)
+        body = cls(mesh.points, mesh.points + u, still.cells, still.facets, still.numbers)
+        known = ("outer", "height", "sagitta", "within")
+        vars(body).update({name: getattr(still, name) for name in known})
+        return body
 
     @cached_property
     def outer(self) -> np.ndarray:
@@ -83,6 +84,13 @@ class Solid:
         """(f,) by how much the true boundary may lie inside of a facet (m), as it does where it is hollow, and once more
         as much for what is not known of its curvature."""
         return 2.0 * Skin(self.at, self.facets[:, :-1]).hollow
+
+    @cached_property
+    def within(self) -> np.ndarray:
+        """(f,) how deep the middles of facets lie in cells over other facets, as drawn; see `in_cells`."""
+        corners = self.facets[:, :-1]
+        middles = self.at[corners].mean(axis=1)
+        return in_cells(middles, self.at[self.facets.T], (corners, self.facets))
 
     def placed(self, fraction: float) -> np.ndarray:
         """Its nodes (n, d) after a `fraction` of their displacements (m)."""
@@ -112,6 +120,14 @@ class Solid:
             np.searchsorted(nodes, self.facets),
             self.numbers[nodes],
         )
+
+
+def as_drawn(mesh: Mesh) -> Solid:
+    """A body of this mesh that has not moved. Not collective."""
+    d, (facets, owner), facet = mesh.dimension, mesh.boundary, mesh.cell.facet
+    opposite = mesh.corners[owner].sum(axis=1) - facets[:, :d].sum(axis=1)
+    outer = np.column_stack([facet.split(facets), np.tile(opposite, len(facet.parts))])
+    return Solid(mesh.points, mesh.points, mesh.triangles, outer, np.arange(len(mesh.points)))
 
 
 class Overlap(NamedTuple):
@@ -266,7 +282,7 @@ def penetrates_itself(body: Solid) -> Overlap:
     least = max(RESOLVED, body.gradient) * way
     if not 0.0 < way <= np.ptp(body.at, axis=0).max():  # or is no number
         return Overlap()
-    drawn = in_cells(body.at[corners].mean(axis=1), body.at[body.facets.T], (corners, body.facets))
+    drawn = body.within
     some = np.flatnonzero(drawn <= RESOLVED)
     for fraction in _positions(way, float(height.min())):
         x = body.placed(fraction)

@@ -6,12 +6,12 @@ Where it is off the midpoint of the chord, the edge is curved: the parabola thro
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
 from math import factorial
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -20,6 +20,8 @@ from scipy.sparse import csgraph
 from ddmpi.errors import InputError, nearest
 from ddmpi.mesh.elements import FACETS, RULES, Cell, Mapped, cell_with, cross
 from ddmpi.system.numbers import in_words
+
+T = TypeVar("T")
 
 MEASURE = ("", "length", "area", "volume")
 """Measure of cells, by dimension."""
@@ -169,6 +171,13 @@ class Mesh:
         known = {name: getattr(self, name) for name in ("_sides", "_resolved", "curved")}
         vars(other).update(known, _home=self.home)
         return other
+
+    def once(self, find: Callable[[Mesh], T]) -> T:
+        """What a function finds of a mesh and no shift changes: found at home, once for all shifts."""
+        found = vars(self.home).setdefault("_found", {})
+        if find not in found:
+            found[find] = find(self.home)
+        return found[find]
 
     def facets(self, name: str) -> Facets:
         """The boundary group `name`, resolved at the first call. Raises InputError where there is no such group, where

@@ -15,7 +15,7 @@ few shifts, A^½ = Σ w (1 − t²(A + t²)⁻¹) (method 3 of Hale, Higham, Tre
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -258,6 +258,27 @@ def smooth_modes(
             and (error <= MODE_PRECISION * np.maximum(mu, limit))[mu > limit - error].all()
         ):
             break
+    return modes
+
+
+def modes_of(
+    members: Sequence[Member], limits: Mapping[int, float]
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The `smooth_modes` of bodies above the limit for their components of friction, found once for bodies that are
+    alike; products count for each. Collective on the bodies' communicators. Raises SolverError."""
+    modes, products = [], dict[int, int]()
+    alike = dict[int, tuple[np.ndarray, np.ndarray]]()
+    for member in members:
+        key, count = id(member.body.B), member.C.count  # bodies have B in common if they are alike
+        if not member.interfaces:
+            alike[key] = np.empty((0, member.size)), np.empty(0)
+        elif key not in alike or member.dear:
+            components = max(interface.law.components for interface in member.interfaces)
+            alike[key] = smooth_modes(member, Space(member.interfaces), limits[components])
+            products[key] = count["modes"]
+        else:
+            count["modes"] += products[key]
+        modes.append(alike[key])
     return modes
 
 

@@ -28,10 +28,9 @@ from petsc4py import PETSc
 
 from ddmpi.coupling.coarse import CoarseSystem, CrossPoints, Motions
 from ddmpi.coupling.joint import Joint
-from ddmpi.coupling.space import Space
 from ddmpi.errors import SolverError
 from ddmpi.interface.law import Tangent
-from ddmpi.methods.half_space import HalfSpace, smooth_modes
+from ddmpi.methods.half_space import HalfSpace, modes_of
 from ddmpi.petsc.versions import call_solver, petsc_message, reason_name
 
 log = logging.getLogger("ddmpi")
@@ -202,16 +201,7 @@ class Preconditioner:
         ) and not joint.far:  # one pass does not pay for modes
             modes = [(np.empty((0, member.size)), np.empty(0)) for member in joint.members]
             with joint.exchange.deferred():
-                modes = [
-                    smooth_modes(
-                        member,
-                        Space(member.interfaces),
-                        SMOOTH[max(interface.law.components for interface in member.interfaces)],
-                    )
-                    if member.interfaces
-                    else none
-                    for member, none in zip(joint.members, modes, strict=True)
-                ]
+                modes = modes_of(joint.members, SMOOTH)
             joint.exchange.meet("coarse modes")
             # M⁻¹ is the compliance of two half-spaces, of which a body has ½: a mode gives way by μ − ½ more
             motions, more = joint.add_motions(

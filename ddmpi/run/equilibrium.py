@@ -5,11 +5,13 @@ Each rank describes the forces that its contacts allow or resist in a few column
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.coupling.joint import Joint
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
@@ -19,6 +21,8 @@ from ddmpi.system.agreement import agreed, from_first, gathered
 from ddmpi.system.provenance import has_clarabel
 
 LARGEST = 3000  # most loose bodies for the search for a mechanism, which takes 2 to 3 s for a wall of so many bricks
+
+_PARTNERS: WeakKeyDictionary[Joint, list[MotionsOfBody]] = WeakKeyDictionary()
 
 ALONG = 3e-3
 """A motion whose slip is along friction up to this fraction only turns friction that is at its limit: as the body moves
@@ -187,20 +191,35 @@ def _loose(assembly: Assembly) -> list[Body]:
 
 
 def with_partners(assembly: Assembly) -> list[MotionsOfBody]:
-    """On the first rank all loose bodies and driven partners, in the order of their motions. Collective.
+    """On the first rank all loose bodies and driven partners, in the order of their motions; found once for a placement.
+    Collective.
 
     A partner has the outline of the contact nodes that face it.
     """
-    placed = {body.spec.name: (body.mesh.points, body.member.motions) for body in _loose(assembly)}
-    for name, (points, motions) in placed.items():
+    if assembly.joint not in _PARTNERS:
+        _PARTNERS[assembly.joint] = _with_partners(assembly)
+    return _PARTNERS[assembly.joint]
+
+
+def _motions_of(assembly: Assembly) -> dict[str, MotionsOfBody]:
+    """The loose bodies of this rank, of which alike ones are found once. Not collective."""
+    found, alike = dict[str, MotionsOfBody](), dict[int, tuple[np.ndarray, MotionsOfBody]]()
+    for body in _loose(assembly):
+        name, mesh, motions = body.spec.name, body.mesh, body.member.motions
         if name in assembly.frames:
             frame = assembly.frames[name]
-            placed[name] = frame.at(points), np.einsum("ij,njk->nik", frame.turned, motions)
-    all_motions = list(
-        gathered(
-            assembly.world, {name: MotionsOfBody.of(name, *at) for name, at in placed.items()}
-        ).values()
-    )
+            turned = np.einsum("ij,njk->nik", frame.turned, motions)
+            found[name] = MotionsOfBody.of(name, frame.at(mesh.points), turned)
+            continue
+        if id(motions) not in alike:  # bodies have these in common if they have the mesh
+            alike[id(motions)] = motions, MotionsOfBody.of(name, mesh.home.points, motions)
+        shift = mesh.points[0] - mesh.home.points[0]
+        found[name] = alike[id(motions)][1].shifted(name, shift)
+    return found
+
+
+def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
+    all_motions = list(gathered(assembly.world, _motions_of(assembly)).values())
     for each in assembly.joint.driven:
         facing = gathered(
             assembly.world,

@@ -13,7 +13,9 @@ import ddmpi
 from ddmpi.body import solver
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError
+from ddmpi.judge.motions import MotionsOfBody
 from ddmpi.mesh.build import build_mesh
+from ddmpi.run.equilibrium import with_partners
 from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.reader import read_scene
 from meshes import body_of
@@ -160,6 +162,34 @@ def test_alike_bodies_have_one_mesh():
     assert one.home is other.home
     assert one.boundary is other.boundary
     assert other.points == pytest.approx(one.points + np.array([0.25, 0.5]), abs=1e-15)
+
+
+def test_what_no_shift_changes_is_found_once():
+    """A function of a mesh is called at home, for the first of the meshes that are shifts of one."""
+    home = build_mesh(body_of(shape="rectangle", size=(1.0, 1.0), divisions=(2, 2)))
+    moved, seen = [home.shifted((k, 2.0)).shifted((1.0, k)) for k in (1.0, 2.0)], []
+
+    def find(mesh):
+        seen.append(mesh)
+        return len(mesh.points)
+
+    assert [mesh.once(find) for mesh in moved] == [9, 9]
+    assert [mesh.points.min(axis=0).tolist() for mesh in moved] == [[2.0, 3.0], [3.0, 4.0]]
+    assert len(seen) == 1
+    assert seen[0] is home
+
+
+def test_motions_of_alike_bodies_are_those_of_each():
+    """Centre, outline and inertia of a body that is alike are those of its own nodes."""
+    assembly = prepare(MPI.COMM_SELF, read_scene("bricks", to_toml(bricks()), []))
+    found = {body.name: body for body in with_partners(assembly)}
+    assert list(found) == ["brick1", "brick2", "brick3", "brick4"]
+    for body in assembly.bodies[1:]:
+        one, name = found[body.spec.name], body.spec.name
+        own = MotionsOfBody.of(name, body.mesh.points, body.member.motions)
+        for each in ("centre", "size", "outline", "basis", "inertia"):
+            assert getattr(one, each) == pytest.approx(getattr(own, each), abs=1e-12)
+    assert with_partners(assembly) is with_partners(assembly)
 
 
 @pytest.mark.parametrize(

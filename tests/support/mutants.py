@@ -1786,6 +1786,27 @@ MUTANTS = [
             "coupling/test_alike.py::test_answers_are_those_of_separate_bodies",
         ),
         (
+            "products of alike bodies for modes do not count",
+            "methods/half_space",
+            'count["modes"] += products[key]',
+            "pass",
+            "coupling/test_alike.py::test_answers_are_those_of_separate_bodies",
+        ),
+        (
+            "alike bodies move about one centre",
+            "judge/motions",
+            "centre=shift + self.centre",
+            "centre=self.centre",
+            "coupling/test_alike.py::test_motions_of_alike_bodies_are_those_of_each",
+        ),
+        (
+            "meshes that are shifted twice have another home",
+            "mesh/mesh",
+            "_home=self.home",
+            "_home=self",
+            "coupling/test_alike.py::test_what_no_shift_changes_is_found_once",
+        ),
+        (
             "alike bodies are factored one by one",
             "kept/kept",
             "if (stage, key) not in self._alike:",
