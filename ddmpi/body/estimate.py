@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import functools
 import itertools
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import comb
 from typing import NamedTuple
@@ -75,6 +75,44 @@ class Recovery(NamedTuple):
         centre = self.at[vertex].T.reshape(len(places), *[1] * (places.ndim - 2), -1)
         p = _monomials((places - centre) / self.reach[vertex], self.order)
         return np.einsum("k...t,knt->n...t", p, self.fits[..., vertex])
+
+
+Moved = tuple[np.ndarray, np.ndarray | None]
+"""Displacements (nv, d) of a body (m), and temperatures (nv,) over the state free of stress (K), or None."""
+
+
+class Difference(NamedTuple):
+    """How far recovered stresses are from computed ones, in some cells of one material, for k displacements of a body.
+
+    Attributes
+    ----------
+    cells, material, curved : the numbers of the t cells, their material, and whether they are `summed`
+    share : (q, t) the measures of the points of quadrature (m² or m³; in the plane times the thickness)
+    computed, off : (k, n, q, t) components of σ_h and of σ* − σ_h there (Pa)
+    scattered : (k, n, j, t) of linear cells, the distances of the samples from the polynomials of the cells' vertices
+        (Pa); j is 0 for others
+    """
+
+    cells: slice | np.ndarray
+    material: Material
+    curved: bool
+    share: np.ndarray
+    computed: np.ndarray
+    off: np.ndarray
+    scattered: np.ndarray
+
+    def product(self, one: int, other: int) -> np.ndarray:
+        """(q, t) the shares of ∫ e_one : C⁻¹ : e_other of the points, of linear cells with a part of the scatter (J);
+        `one` and `other` are numbers of displacements."""
+        density = energy_density(self.material, self.off[one], self.off[other])
+        if self.scattered.shape[2]:
+            scatter = energy_density(self.material, self.scattered[one], self.scattered[other])
+            density = density + SCATTER * scatter.mean(axis=0)
+        return self.share * density
+
+    def energies(self, one: int) -> np.ndarray:
+        """(q, t) the shares of ∫ σ_h : C⁻¹ : σ_h of the points, of displacement `one` (J)."""
+        return self.share * energy_density(self.material, self.computed[one])
 
 
 @dataclass(frozen=True)
@@ -167,42 +205,18 @@ def estimate_error(
     so that their stress jumps little however wrong it is. At interfaces of materials the true stress jumps, and is
     recovered from either side.
     """
-    cell, points, measures = mesh.cell, mesh.cell.rule[0], mesh.measures()
-    shapes = cell.shapes(points)
-    spans = [
-        cell.derivatives(places).swapaxes(0, 1).reshape(len(places), -1)
-        for places in (points, cell.samples[0])
-    ]
-    # On straight cells σ_h is a combination of the derivatives of shape functions, so its values at the samples give
-    # those at the points of quadrature: no second evaluation.
-    between = spans[0] @ np.linalg.pinv(
-        spans[1]
-    )  # stress is a sum of derivatives of shape functions
-    split, sampled, recovered = _recovered(mesh, material, u, heat)
-    places = sample_places(mesh)
+    split, sampled, recovered = _recovered(mesh, material, [(u, heat)])
+    measures = mesh.measures()
     squares: np.ndarray = np.zeros(len(measures))
     energy = 0.0
-    for cells, uniform, curved in portions(mesh, material):
-        computed, weights = between @ sampled[..., cells], uniform.thickness * cell.rule[1]
-        share = weights[:, None] * measures[cells]
-        if curved:
-            computed = components(cell_stress(mesh, uniform, u, points, cells, curved, heat))
-            share = weights[:, None] * mesh.map(cells, points).measures
-        # η² = ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h), with σ* interpolated from the nodes (Zienkiewicz and Zhu).
-        difference = shapes @ np.take(recovered.nodes, split.triangles[cells].T, axis=1) - computed
-        error = (share * energy_density(uniform, difference)).sum(axis=0)
-        if cell.linear:
-            scatter = _scatter(recovered, uniform, places[..., cells], sampled[..., cells], cells)
-            error += SCATTER * uniform.thickness * measures[cells] * scatter
-        squares[cells] = error
-        energy += float((share * energy_density(uniform, computed)).sum())
+    for part in differences(mesh, material, [(u, heat)], (split, sampled, recovered)):
+        squares[part.cells] = part.product(0, 0).sum(axis=0)
+        energy += float(part.energies(0).sum())
         if heat is not None:  # in plane strain σ_zz has energy as well
-            warm = (
-                cell_temperature(mesh, heat, points, cells)
-                if curved
-                else (between @ cell_temperature(mesh, heat, cell.samples[0], cells))
-            )
-            energy += thermal(uniform, mesh.strains)[3] * float((share * warm**2).sum())
+            at = mesh.cell.rule[0] if part.curved else mesh.cell.samples[0]
+            warm = cell_temperature(mesh, heat, at, part.cells)
+            warm = warm if part.curved else _between(mesh) @ warm
+            energy += thermal(part.material, mesh.strains)[3] * float((part.share * warm**2).sum())
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(one.tensor(mesh.dimension).max() for one in materials)
     if energy <= stiffest * len(measures) * (ROUNDING * np.abs(u).max()) ** 2:  # a rigid motion
@@ -214,18 +228,47 @@ def estimate_error(
     )
 
 
-def _scatter(
-    recovered: Recovery,
-    material: Material,
-    places: np.ndarray,
-    sampled: np.ndarray,
-    cells: slice | np.ndarray,
-) -> np.ndarray:
-    """The mean squared distances (t,) of the samples (n, q, t) in some cells, at `places` (d, q, t), from the
-    polynomials of the cells' vertices, as energy densities (J/m³)."""
-    vertices = recovered.corners[cells].T
-    off = (recovered.around(vertex, places) - sampled for vertex in vertices)
-    return sum(energy_density(material, each).mean(axis=0) for each in off) / len(vertices)
+def differences(
+    mesh: Mesh,
+    material: Material | Composite,
+    moved: Sequence[Moved],
+    found: tuple[Mesh, np.ndarray, Recovery] | None = None,
+) -> Iterator[Difference]:
+    """How far the recovered stresses of several displacements of a body are from the computed ones, in parts that cover
+    all cells. One recovery serves all displacements. `found` is what `_recovered` gives. Not collective."""
+    split, sampled, recovered = found or _recovered(mesh, material, moved)
+    cell, points, measures = mesh.cell, mesh.cell.rule[0], mesh.measures()
+    shapes = cell.shapes(points)
+    between, places = _between(mesh), sample_places(mesh)
+    for cells, uniform, curved in portions(mesh, material):
+        computed, weights = between @ sampled[..., cells], uniform.thickness * cell.rule[1]
+        share = weights[:, None] * measures[cells]
+        if curved:
+            of_all = (
+                cell_stress(mesh, uniform, u, points, cells, curved, heat) for u, heat in moved
+            )
+            computed = np.concatenate([components(sigma) for sigma in of_all])
+            share = weights[:, None] * mesh.map(cells, points).measures
+        # η² = ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h), with σ* interpolated from the nodes (Zienkiewicz and Zhu).
+        off = shapes @ np.take(recovered.nodes, split.triangles[cells].T, axis=1) - computed
+        fits = [
+            recovered.around(vertex, places[..., cells]) - sampled[..., cells]
+            for vertex in recovered.corners[cells].T
+        ]
+        scattered = np.concatenate(fits if cell.linear else [sampled[:, :0, cells]], axis=1)
+        k, n = len(moved), len(computed) // len(moved)
+        of_each = (x.reshape(k, n, *x.shape[1:]) for x in (computed, off, scattered))
+        yield Difference(cells, uniform, curved, share, *of_each)
+
+
+def _between(mesh: Mesh) -> np.ndarray:
+    """(p, q) the values at the p points of quadrature from those at the q samples, of stress on straight cells: σ_h is a
+    combination of the derivatives of shape functions there, which needs no second evaluation."""
+    spans = [
+        mesh.cell.derivatives(places).swapaxes(0, 1).reshape(len(places), -1)
+        for places in (mesh.cell.rule[0], mesh.cell.samples[0])
+    ]
+    return spans[0] @ np.linalg.pinv(spans[1])
 
 
 def nodal_stress(
@@ -233,19 +276,19 @@ def nodal_stress(
 ) -> np.ndarray:
     """The recovered stress at the nodes (nv, 4), in space (nv, 6), in Pa, with the columns and arguments of `stress`;
     where materials meet, the mean of theirs. Not collective."""
-    split, _, recovered = _recovered(mesh, material, u, heat)
+    split, _, recovered = _recovered(mesh, material, [(u, heat)])
     return _joined(mesh, material, split, recovered.nodes, heat)
 
 
 def _recovered(
-    mesh: Mesh,
-    material: Material | Composite,
-    u: np.ndarray,
-    heat: np.ndarray | None,
+    mesh: Mesh, material: Material | Composite, moved: Sequence[Moved]
 ) -> tuple[Mesh, np.ndarray, Recovery]:
-    """The mesh with separate nodes for every material, stress (n, q, nt) at the samples, and the recovered one."""
+    """The mesh with separate nodes for every material, stress (k n, q, nt) of all displacements at the samples, and the
+    recovered one."""
     split = mesh if isinstance(material, Material) else _apart(mesh, material)
-    sampled = components(stress_at(mesh, material, u, mesh.cell.samples[0], heat))
+    samples = mesh.cell.samples[0]
+    stresses = [components(stress_at(mesh, material, u, samples, heat)) for u, heat in moved]
+    sampled = np.concatenate(stresses)
     return split, sampled, _recover(split, sampled)
 
 
