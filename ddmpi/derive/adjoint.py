@@ -15,6 +15,10 @@ from ddmpi.methods.linear import AIM, PURPOSE, Linearisation
 from ddmpi.system.agreement import agreed
 
 
+class VagueError(SolverError):
+    """No equation determines the result: contacts share a force at a node."""
+
+
 class Adjoint(NamedTuple):
     """The answer to the transposed equations, of which dJ = w·ρ + β·de + q·γ.
 
@@ -82,11 +86,11 @@ def solve_adjoint(
 
 
 def _refuse_vague(equations: Linearisation, j: np.ndarray, about: str) -> None:
-    """Raise SolverError, on all ranks, for a result whose derivative j (size,) by forces no equation determines.
+    """Raise VagueError, on all ranks, for a result whose derivative j (size,) by forces no equation determines.
     Collective."""
     unseen, _ = equations.unseen()
     change, size = equations.joint.space.add(np.array([j @ unseen, np.abs(j) @ np.abs(unseen)]))
     if abs(change) > CLEAR * size:
-        raise SolverError(
+        raise VagueError(
             f"{about}: it depends on forces of several contacts at one node, of which only the sum is determined"
         )

@@ -10,7 +10,7 @@ from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.loads import values_at
 from ddmpi.body.stress import stress, thickness_of, von_mises
 from ddmpi.coupling.assembly import Assembly, Body
-from ddmpi.derive.adjoint import Adjoint, solve_adjoint
+from ddmpi.derive.adjoint import Adjoint, VagueError, solve_adjoint
 from ddmpi.derive.chain import Answered
 from ddmpi.derive.entries import CLEAR
 from ddmpi.derive.results import functional
@@ -76,8 +76,9 @@ def _together(
         wants = functional(assembly, answer.states, answer.displacements, one)
         try:
             adjoint = solve_adjoint(assembly, equations, wants, result, aim)
-        except SolverError:  # the same on all ranks
-            found[result] = Measured(word=UNSOLVED)
+        except SolverError as error:  # the same on all ranks
+            vague = isinstance(error, VagueError)
+            found[result] = Measured(word=UNDETERMINED if vague else UNSOLVED)
             continue
         held = assembly.joint.stays.held
         if norm(held.T @ adjoint.along) > CLEAR * norm(adjoint.along):

@@ -261,11 +261,12 @@ def arcs_of(mesh: Mesh, group: str) -> float:
 
 
 def rim_of(interface: Interface) -> np.ndarray:
-    """The rows at the ends of a contact, in space along its edges. Not collective."""
+    """The rows at the ends of a contact, in space along its edges, but for those on an axis. Not collective."""
     d, facets = interface.dimension, interface.geometry.facets
     sides = np.concatenate([np.delete(facets[:, :d], k, axis=1) for k in range(d)])
     found, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
-    return np.unique(found[count == 1])
+    rim = np.unique(found[count == 1])
+    return rim[interface.xy[rim, 0] != 0.0] if interface.axisymmetric else rim
 
 
 def kink_of_stress(mesh: Mesh, sigma: np.ndarray, nodal: np.ndarray) -> tuple[float, float]:

@@ -250,12 +250,14 @@ def test_a_moment_on_straight_sides_is_told():
     assert 1e-3 * abs(entry.value) < abs(true) < entry.bar < 2.0 * abs(true)
 
 
-def state(pressure: list[float]) -> SimpleNamespace:
+def state(pressure: list[float], around: bool = False) -> SimpleNamespace:
     """Nodes on a line with these pressures."""
     m = len(pressure)
     line = np.column_stack([np.arange(m), np.zeros(m)]).astype(float)
     facets = np.column_stack([np.arange(m - 1), np.arange(1, m)])
-    interface = SimpleNamespace(xy=line, dimension=2, geometry=SimpleNamespace(facets=facets))
+    interface = SimpleNamespace(
+        xy=line, dimension=2, geometry=SimpleNamespace(facets=facets), axisymmetric=around
+    )
     return SimpleNamespace(pressure=np.array(pressure), interface=interface)
 
 
@@ -264,6 +266,7 @@ def test_a_peak_is_resolved_if_it_is_near_its_neighbours():
     assert kink_of_pressure(state([0.0, 9.0, 10.0, 9.0, 0.0])) == pytest.approx(0.1 / 0.15)
     assert kink_of_pressure(state([0.0, 8.0, 10.0, 8.0, 0.0])) == pytest.approx(0.2 / 0.15)
     assert kink_of_pressure(state([10.0, 9.5, 9.5, 9.0])) == pytest.approx(0.05 / 0.04)
+    assert kink_of_pressure(state([10.0, 9.5, 9.5, 9.0], around=True)) == pytest.approx(1 / 3)
     assert np.isinf(kink_of_pressure(state([0.0, 3.0, 0.0])))
 
 
@@ -307,3 +310,50 @@ def test_the_rule():
     none |= {"moved": 0.0, "rubbed": 0.0}
     assert told(energy, 1, Measured(**none), 0.0, 3.0) == (pytest.approx(3.0 * FLOOR), "")
     assert told(force, 1, Measured(**none, terms=5.0), 0.0, 3.0) == (pytest.approx(5.0 * FLOOR), "")
+
+
+def test_a_thin_body_errs_in_proportion_to_its_thickness():
+    """Its energy and its reaction under the same tractions; displacements err as those of a thick one."""
+    load = {"on": "right", "value": [0.0, -1e6]}
+    thick, thin = (
+        measured(
+            ddmpi.solve(alone(load, material=STEEL | {"plane": "stress", "thickness": t})),
+            "bodies.beam.energy",
+            "bodies.beam.displacement_max",
+        )
+        for t in (1.0, 0.25)
+    )
+    for whole, part, share in zip(thick, thin, (0.25, 1.0), strict=True):
+        assert part.signed == pytest.approx(share * whole.signed, rel=1e-9)
+        assert part.stars == pytest.approx(share * whole.stars, rel=1e-9)
+
+
+def tube(n: int, order: int) -> dict:
+    """A tube around an axis, with the radii 0.5 and 1, under a pressure of 1e7 inside."""
+    body = {
+        "name": "tube",
+        "mesh": rectangle([0.5, 0.0], [0.5, 0.25], [2 * n, n]) | {"order": order},
+        "material": STEEL,
+        "clamp": [{"on": "bottom", "y": 0.0}, {"on": "top", "y": 0.0}],
+        "traction": [{"on": "left", "pressure": 1e7}],
+    }
+    return {"axisymmetric": True, "body": [body]}
+
+
+@pytest.mark.parametrize(("n", "order"), [(2, 1), (4, 1), (1, 2)])
+def test_errors_around_an_axis_are_those_against_lame(n, order):
+    """Of the energy, half the work of the pressure on the whole circumference, and of the largest displacement."""
+    a, b, p, young, poisson = 0.5, 1.0, 1e7, STEEL["young"], STEEL["poisson"]
+    inner = p * (1 + poisson) / young * a * (a**2 * (1 - 2 * poisson) + b**2) / (b**2 - a**2)
+    exact = {
+        "bodies.tube.displacement_max": inner,
+        "bodies.tube.energy": 0.5 * p * inner * 2 * np.pi * a * 0.25,
+    }
+    answer = ddmpi.solve(tube(n, order), overrides={"output.errors": [*exact]})
+    for result, value in exact.items():
+        entry = answer.error(result)
+        true = value - entry.value
+        assert abs(true) < entry.bar < 6 * abs(true), result
+        signed = sum(cells.sum() for cells in entry.cells.values())
+        smooth = order == 1 or result.endswith("energy")
+        assert 0.6 < signed / true < 2.0 or not smooth, result
