@@ -91,6 +91,44 @@ class Recovery(NamedTuple):
         return np.einsum("k...t,knt->n...t", p, self.fits[..., vertex])
 
 
+Moved = tuple[np.ndarray, np.ndarray | None]
+"""Displacements (nv, d) of a body (m), and temperatures (nv,) over the state free of stress (K), or None."""
+
+
+class Difference(NamedTuple):
+    """How far recovered stresses are from computed ones, in some cells of one material, for k displacements of a body.
+
+    Attributes
+    ----------
+    cells, material, curved : the numbers of the t cells, their material, and whether they are `summed`
+    share : (q, t) the measures of the points of quadrature (m² or m³; in the plane times the thickness)
+    computed, off : (k, n, q, t) components of σ_h and of σ* − σ_h there (Pa)
+    scattered : (k, n, j, t) of linear cells, the distances of the samples from the polynomials of the cells' vertices
+        (Pa); j is 0 for others
+    """
+
+    cells: slice | np.ndarray
+    material: Material
+    curved: bool
+    share: np.ndarray
+    computed: np.ndarray
+    off: np.ndarray
+    scattered: np.ndarray
+
+    def product(self, one: int, other: int) -> np.ndarray:
+        """(q, t) the shares of ∫ e_one : C⁻¹ : e_other of the points, of linear cells with a part of the scatter (J);
+        `one` and `other` are numbers of displacements."""
+        density = energy_density(self.material, self.off[one], self.off[other])
+        if self.scattered.shape[2]:
+            scatter = energy_density(self.material, self.scattered[one], self.scattered[other])
+            density = density + SCATTER * scatter.mean(axis=0)
+        return self.share * density
+
+    def energies(self, one: int) -> np.ndarray:
+        """(q, t) the shares of ∫ σ_h : C⁻¹ : σ_h of the points, of displacement `one` (J)."""
+        return self.share * energy_density(self.material, self.computed[one])
+
+
 @dataclass(frozen=True)
 class ErrorEstimate:
     """The estimated discretization error of one body, in the energy norm.
@@ -240,56 +278,62 @@ def _by_cells(
     mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Squared errors and squared energy norms (nt,) of the cells, and the recovered stress at the nodes."""
+    moved = [(u, heat)]
+    found = split, _, recovered = _recovered(mesh, material, moved)
+    squares, energies = np.zeros((2, len(mesh.triangles)))
+    for part in differences(mesh, material, moved, found):
+        squares[part.cells] = part.product(0, 0).sum(axis=0)
+        energies[part.cells] = part.energies(0).sum(axis=0)
+        if heat is not None:  # in plane strain σ_zz has energy as well
+            at = mesh.cell.rule[0] if part.curved else mesh.cell.samples[0]
+            warm = cell_temperature(mesh, heat, at, part.cells)
+            warm = warm if part.curved else _between(mesh) @ warm
+            density = thermal(part.material, mesh.strains)[3] * warm**2
+            energies[part.cells] += (part.share * density).sum(axis=0)
+    return squares, energies, _joined(mesh, material, split, recovered.nodes, heat)
+
+
+def differences(
+    mesh: Mesh,
+    material: Material | Composite,
+    moved: Sequence[Moved],
+    found: tuple[Mesh, np.ndarray, Recovery] | None = None,
+) -> Iterator[Difference]:
+    """How far the recovered stresses of several displacements of a body are from the computed ones, in parts that cover
+    all cells. One recovery serves all displacements. `found` is what `_recovered` gives. Not collective."""
+    split, sampled, recovered = found or _recovered(mesh, material, moved)
     cell, points, measures = mesh.cell, mesh.cell.rule[0], mesh.measures()
     shapes = cell.shapes(points)
-    spans = [
-        cell.derivatives(places).swapaxes(0, 1).reshape(len(places), -1)
-        for places in (points, cell.samples[0])
-    ]
-    # On straight cells σ_h is a combination of the derivatives of shape functions, so its values at the samples give
-    # those at the points of quadrature: no second evaluation.
-    between = spans[0] @ np.linalg.pinv(
-        spans[1]
-    )  # stress is a sum of derivatives of shape functions
-    split, sampled, recovered = _recovered(mesh, material, u, heat)
-    places = sample_places(mesh)
-    squares, energies = np.zeros((2, len(measures)))
+    between, places = _between(mesh), sample_places(mesh)
     for cells, uniform, curved in portions(mesh, material):
         computed, weights = between @ sampled[..., cells], uniform.thickness * cell.rule[1]
         share = weights[:, None] * measures[cells]
         if curved:
-            computed = components(cell_stress(mesh, uniform, u, points, cells, curved, heat))
+            of_all = (
+                cell_stress(mesh, uniform, u, points, cells, curved, heat) for u, heat in moved
+            )
+            computed = np.concatenate([components(sigma) for sigma in of_all])
             share = weights[:, None] * mesh.map(cells, points).measures
         # η² = ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h), with σ* interpolated from the nodes (Zienkiewicz and Zhu).
-        difference = shapes @ np.take(recovered.nodes, split.triangles[cells].T, axis=1) - computed
-        error = (share * energy_density(uniform, difference)).sum(axis=0)
-        if cell.linear:
-            scatter = _scatter(recovered, uniform, places[..., cells], sampled[..., cells], cells)
-            error += SCATTER * uniform.thickness * measures[cells] * scatter
-        squares[cells] = error
-        energies[cells] = (share * energy_density(uniform, computed)).sum(axis=0)
-        if heat is not None:  # in plane strain σ_zz has energy as well
-            warm = (
-                cell_temperature(mesh, heat, points, cells)
-                if curved
-                else (between @ cell_temperature(mesh, heat, cell.samples[0], cells))
-            )
-            energies[cells] += thermal(uniform, mesh.strains)[3] * (share * warm**2).sum(axis=0)
-    return squares, energies, _joined(mesh, material, split, recovered.nodes, heat)
+        off = shapes @ np.take(recovered.nodes, split.triangles[cells].T, axis=1) - computed
+        fits = [
+            recovered.around(vertex, places[..., cells]) - sampled[..., cells]
+            for vertex in recovered.corners[cells].T
+        ]
+        scattered = np.concatenate(fits if cell.linear else [sampled[:, :0, cells]], axis=1)
+        k, n = len(moved), len(computed) // len(moved)
+        of_each = (x.reshape(k, n, *x.shape[1:]) for x in (computed, off, scattered))
+        yield Difference(cells, uniform, curved, share, *of_each)
 
 
-def _scatter(
-    recovered: Recovery,
-    material: Material,
-    places: np.ndarray,
-    sampled: np.ndarray,
-    cells: slice | np.ndarray,
-) -> np.ndarray:
-    """The mean squared distances (t,) of the samples (n, q, t) in some cells, at `places` (d, q, t), from the
-    polynomials of the cells' vertices, as energy densities (J/m³)."""
-    vertices = recovered.corners[cells].T
-    off = (recovered.around(vertex, places) - sampled for vertex in vertices)
-    return sum(energy_density(material, each).mean(axis=0) for each in off) / len(vertices)
+def _between(mesh: Mesh) -> np.ndarray:
+    """(p, q) the values at the p points of quadrature from those at the q samples, of stress on straight cells: σ_h is a
+    combination of the derivatives of shape functions there, which needs no second evaluation."""
+    spans = [
+        mesh.cell.derivatives(places).swapaxes(0, 1).reshape(len(places), -1)
+        for places in (mesh.cell.rule[0], mesh.cell.samples[0])
+    ]
+    return spans[0] @ np.linalg.pinv(spans[1])
 
 
 def nodal_stress(
@@ -297,19 +341,19 @@ def nodal_stress(
 ) -> np.ndarray:
     """The recovered stress at the nodes (nv, 4), in space (nv, 6), in Pa, with the columns and arguments of `stress`;
     where materials meet, the mean of theirs. Not collective."""
-    split, _, recovered = _recovered(mesh, material, u, heat)
+    split, _, recovered = _recovered(mesh, material, [(u, heat)])
     return _joined(mesh, material, split, recovered.nodes, heat)
 
 
 def _recovered(
-    mesh: Mesh,
-    material: Material | Composite,
-    u: np.ndarray,
-    heat: np.ndarray | None,
+    mesh: Mesh, material: Material | Composite, moved: Sequence[Moved]
 ) -> tuple[Mesh, np.ndarray, Recovery]:
-    """The mesh with separate nodes for every material, stress (n, q, nt) at the samples, and the recovered one."""
+    """The mesh with separate nodes for every material, stress (k n, q, nt) of all displacements at the samples, and the
+    recovered one."""
     split = mesh if isinstance(material, Material) else _apart(mesh, material)
-    sampled = components(stress_at(mesh, material, u, mesh.cell.samples[0], heat))
+    samples = mesh.cell.samples[0]
+    stresses = [components(stress_at(mesh, material, u, samples, heat)) for u, heat in moved]
+    sampled = np.concatenate(stresses)
     return split, sampled, _recover(split, sampled)
 
 

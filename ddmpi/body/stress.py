@@ -278,15 +278,17 @@ def components(sigma: np.ndarray) -> np.ndarray:
     return sigma[np.triu_indices(len(sigma))]
 
 
-def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:
-    """σ : C⁻¹ σ (…) in J/m³ of stresses (n, …) in Pa, which are `components`."""
+def energy_density(
+    material: Material, sigma: np.ndarray, other: np.ndarray | None = None
+) -> np.ndarray:
+    """σ : C⁻¹ : τ (…) in J/m³ of stresses (n, …) in Pa, which are `components`; without an `other`, τ is σ."""
     dimension = int(np.sqrt(2 * len(sigma)))
     i, j = np.triu_indices(dimension)
     compliance = np.linalg.inv(
         material.tensor(dimension)[i, j][:, i, j]
     )  # by strains ε_ii and 2 ε_ij
-    flat = sigma.reshape(len(sigma), -1)
-    return np.einsum("ck,ck->k", flat, compliance @ flat).reshape(sigma.shape[1:])
+    one, two = (each.reshape(len(sigma), -1) for each in (sigma, sigma if other is None else other))
+    return np.einsum("ck,ck->k", one, compliance @ two).reshape(sigma.shape[1:])
 
 
 def blocks(number: int) -> list[slice]:

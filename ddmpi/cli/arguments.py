@@ -127,6 +127,11 @@ def _add_solving(command: Callable[..., _Parser]) -> None:
         "run", "solve a scene, best on as many ranks as it has bodies", scene, written, **solving
     )
     run.add_argument(
+        "--errors",
+        action="store_true",
+        help='tell the errors of the main results by the mesh: output.errors = "main"',
+    )
+    run.add_argument(
         "--restart",
         type=_named,
         metavar="DIR",

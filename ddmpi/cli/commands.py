@@ -30,8 +30,12 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
         from ddmpi.mesh.build import kind_of_files
         from ddmpi.scene.reader import read_scene_file
 
+    asked = ['output.errors="main"'] * getattr(options, "errors", False)
     scene = from_first(
-        world, lambda: read_scene_file(options.scene, options.set, kind_of_files(options.scene))
+        world,
+        lambda: read_scene_file(
+            options.scene, [*options.set, *asked], kind_of_files(options.scene)
+        ),
     )
     _init_petsc(world, scene.petsc, petsc)
     with loading():

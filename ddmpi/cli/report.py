@@ -34,6 +34,7 @@ from ddmpi.results.summary import (
     largest,
     loose_in_words,
     where,
+    with_bar,
 )
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import method_of
@@ -199,7 +200,12 @@ class RunReport:
         values = self._run() | self._work() | self._pictures() | self._steps() | self._numbers()
         if not self.refused:
             return fill(
-                values | self._contacts() | self._bodies() | self._certificate() | self._error()
+                values
+                | self._bars()
+                | self._contacts()
+                | self._bodies()
+                | self._certificate()
+                | self._error()
             )
         mechanism = json.loads((self.folder / MECHANISM).read_text(encoding="utf-8"))
         return fill(values | {"imbalance": number(mechanism["imbalance"], 2)}, {"numbers"})
@@ -354,6 +360,17 @@ class RunReport:
                 "not computed" if value is None else f"of {of}" + f", at {place}" * bool(place)
             )
         return numbers
+
+    def _bars(self) -> dict[str, Any]:
+        """The results whose errors were asked for, with their bars or words."""
+        errors = self.summary.get("errors")
+        if not errors:
+            return {}
+        last = " of the last load step, given those before" if self.stepped else "alone"
+        told = [with_bar(self.summary, result) for result in errors]
+        caption = "A value, and half the width of the interval for that of the continuum"
+        rows = table(caption, Column("result", list(errors)), Column("value and error", told))
+        return {"bars": rows, "of_errors": last.strip()}
 
     def _pictures(self) -> dict[str, Any]:
         captions: dict[str, str] = {}

@@ -279,12 +279,14 @@ class Member(Sides):
         alpha: np.ndarray | None = None,
         purpose: str = "displacement",
         left: np.ndarray | None = None,
+        relative: float = ROUNDING,
     ) -> tuple[np.ndarray, float, float, float]:
         """Displacement under the load and the contact forces s (size,) in newtons.
 
         A loose body also moves by the rigid motions α (j,) in metres; without them its displacement is centred, as in
         `h` and `mult`. `left` (j,) are the loads along its motions that are left without balance (N), where some motions
-        are held; then what these bear does not count. Collective on the body's communicator. Raises SolverError.
+        are held; then what these bear does not count. `relative` as for `Compliance.mult`. Collective on the body's
+        communicator. Raises SolverError.
 
         Returns
         -------
@@ -301,7 +303,7 @@ class Member(Sides):
             f.aypx(-1.0, b)
             load = self.body.balanced(f)
             if load.norm() > 0.0:
-                self.C.solve(load, u, purpose, ROUNDING)  # the certificate checks this solve
+                self.C.solve(load, u, purpose, relative)  # the certificate checks this solve
             if self.body.centring:
                 u.array[:] = self.body.centring.centre(u.array_r)
             Au = u.duplicate()

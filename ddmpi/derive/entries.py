@@ -174,6 +174,7 @@ def measures(state: ContactState) -> dict[str, np.ndarray]:
         "normal_force": normal,
         "tangential_force": tangential,
         "pressure_max": pressure,
+        "pressure_mean": normal / (interface.area.sum() or np.inf),
     }
 
 

@@ -3,62 +3,24 @@ solve of the transposed equations."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
-from math import comb
 
 import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.derive.adjoint import solve_adjoint
 from ddmpi.derive.chain import Answered
-from ddmpi.derive.entries import CLEAR, ENOUGH, Entry, measures
-from ddmpi.derive.parameters import Parameter, parameter, scaled
-from ddmpi.errors import InputError, SolverError, nearest
-from ddmpi.interface.interface import Interface
-from ddmpi.interface.state import ContactState
-from ddmpi.methods.linear import AIM, PURPOSE, Linearisation
+from ddmpi.derive.entries import CLEAR, Entry
+from ddmpi.derive.parameters import Parameter, parameter
+from ddmpi.derive.results import functional
+from ddmpi.errors import InputError, nearest
 from ddmpi.methods.newton import Newton
 from ddmpi.scene.derivable import derivable
+from ddmpi.scene.results import GRADIENTS, Named, named, results, with_letters
 from ddmpi.scene.scene import Settled
-from ddmpi.sets import magnitude
 from ddmpi.system.agreement import agreed, merged
-
-RESULTS = {
-    "contacts": (
-        "force",
-        "moment",
-        "normal_force",
-        "tangential_force",
-        "pressure_max",
-        "dissipated",
-    ),
-    "bodies": ("reaction",),
-    "rigid": ("force", "displacement"),
-}
-"""The results that have gradients, by their entries in the summary."""
-
-
-@dataclass
-class Functional:
-    """The derivative of a result: dJ = forces · ds + moves · d(closed) + motions · dα + Σ bounds · dg + what else acts.
-
-    Attributes
-    ----------
-    forces, moves : (size,) by contact forces, and by relative displacements less gaps
-    motions : (rigid.size,) by motions of loose bodies
-    bounds : by contact of this rank, (mt,) by the sum of slip bounds now and at first, at given forces
-    body, partner : the body whose reaction it is, or the rigid partner whose displacement; then also the axis
-    """
-
-    forces: np.ndarray
-    moves: np.ndarray
-    motions: np.ndarray
-    bounds: dict[str, np.ndarray] = field(default_factory=dict)
-    body: str = ""
-    partner: str = ""
-    axis: int = 0
 
 
 def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -> Entry:
@@ -68,22 +30,17 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
 
     Collective. Raises InputError for an unknown result, and SolverError where the equations are not solved precisely.
     """
-    world, joint = assembly.world, assembly.joint
+    world = assembly.world
     if assembly.scene.time:
         raise InputError(
             f"gradient({result!r}): not possible with load steps; set output.derivatives instead"
         )
     with agreed(world):
-        wanted = functional(assembly, answer.states, result)
-    if wanted.body:  # equilibrium: the reaction is what loads and contact forces on a body leave
-        unit = np.eye(assembly.scene.dimension)[wanted.axis]
-        of_bodies = [
-            member.trace(np.tile(unit, (len(member.motions), 1))) * (member.name == wanted.body)
-            for member in joint.members
-        ]
-        wanted.forces = joint.exchange.total(of_bodies, "reaction")
+        given = _named(assembly.scene, result)
+    wanted = functional(assembly, answer.states, answer.displacements, given)
     equations = outer.linearisation()
-    w, q, beta, fields, moved = _adjoint(assembly, equations, wanted, result)
+    adjoint = solve_adjoint(assembly, equations, wanted, f"gradient({result!r})")
+    w, q, fields, moved = adjoint.w, adjoint.q, adjoint.fields, adjoint.moved
     barred, _ = equations.unseen(transposed=True)
     hindered = _hindered(assembly, barred)
     found, known = list[float](), list[str]()
@@ -102,7 +59,7 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
             if name == wanted.body:
                 total -= float(loads[:, wanted.axis].sum())
         if world.rank == 0:
-            total += float(beta @ one.force)
+            total += float(adjoint.beta @ one.force)
             if one.moved and one.moved[0] == wanted.partner:
                 total += float(one.moved[1][wanted.axis])
         found.append(total)
@@ -138,35 +95,6 @@ def _pull(assembly: Assembly, one: Parameter, answer: Answered) -> np.ndarray:
     return pull
 
 
-def _adjoint(
-    assembly: Assembly, equations: Linearisation, wanted: Functional, result: str
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """The answer to the transposed equations, of which dJ = w·ρ + β·de + q·γ: the work of forces w (size,) on changes
-    of gaps ρ, and what forces γ beyond the law add; motions β (rigid.size,); and by body of this rank the displacements
-    (nv, d) under these, and Bᵀ w. Collective. Raises SolverError where GMRES does not solve them precisely."""
-    space, joint = assembly.space, assembly.joint
-    j = wanted.forces
-    if space.any(wanted.moves):  # d(closed) = ρ + Z dα − C ds
-        j = j - joint.product(wanted.moves, PURPOSE, AIM)
-    _refuse_vague(equations, j, result)
-    z, beta, residual = equations.adjoint(j, wanted.motions + joint.rigid.sums(wanted.moves))
-    if residual > ENOUGH:
-        raise SolverError(
-            f"gradient({result!r}): GMRES does not solve the equations to {ENOUGH:.0e}"
-        )
-    w = z + wanted.moves
-    q = j - (joint.product(z, PURPOSE, AIM) if space.any(z) else 0.0) - joint.rigid.spread(beta)
-    fields, moved = dict[str, np.ndarray](), dict[str, np.ndarray]()
-    parts = joint.exchange.spread(w)
-    with agreed(assembly.world):
-        for body, of_body in zip(assembly.bodies, parts, strict=True):
-            name = body.spec.name
-            member = body.member.loaded_by(scaled(body.member.elasticity.acting, 0.0))
-            fields[name], *_ = member.displacement(-of_body, beta[joint.slices[name]], PURPOSE)
-            moved[name] = -member.pull(of_body)  # Bᵀ w
-    return w, q, beta, fields, moved
-
-
 def _parameters(assembly: Assembly) -> Iterator[Parameter]:
     """By what the answer can be differentiated, but for clamps that cannot change alone. Collective."""
     for key in derivable(assembly.scene.resolved()):
@@ -176,18 +104,6 @@ def _parameters(assembly: Assembly) -> Iterator[Parameter]:
         if assembly.world.allreduce(one is not None, MPI.LAND):
             assert one is not None
             yield one
-
-
-def _refuse_vague(equations: Linearisation, j: np.ndarray, result: str) -> None:
-    """Raise SolverError, on all ranks, for a result whose derivative j (size,) by forces no equation determines.
-    Collective."""
-    unseen, _ = equations.unseen()
-    change, size = equations.joint.space.add(np.array([j @ unseen, np.abs(j) @ np.abs(unseen)]))
-    if abs(change) > CLEAR * size:
-        raise SolverError(
-            f"gradient({result!r}): it depends on forces of several contacts at one node, of which only the sum is "
-            "determined"
-        )
 
 
 def _by_gaps(assembly: Assembly, w: np.ndarray, barred: np.ndarray) -> dict[str, np.ndarray]:
@@ -221,72 +137,14 @@ def _hindered(
     return hindered
 
 
-def functional(assembly: Assembly, states: Mapping[str, ContactState], result: str) -> Functional:
-    """The derivative of a result by its name, on this rank's contacts. Raises InputError. Not collective."""
-    space, joint = assembly.space, assembly.joint
-    kind, name, what, axis = _parsed(assembly.scene, result)
-    forces, moves, motions = np.zeros(space.size), np.zeros(space.size), np.zeros(joint.rigid.size)
-    found = Functional(forces, moves, motions, axis=axis)
-    if kind == "contacts":
-        for interface, part in space.with_slices():
-            if interface.name == name and what == "dissipated":
-                _dissipate(found, interface, part, states[name])
-            elif interface.name == name:
-                forces[part] = np.atleast_2d(measures(states[name])[what])[axis]
-    elif kind == "bodies":
-        found.body = name
-    elif what == "displacement":
-        found.partner = name
-        for each in joint.driven:
-            if each.name == name:  # `shift` is linear in the motions
-                shifts = [each.shift(one)[axis] for one in np.eye(len(each.push))]
-                motions[joint.slices[name]] = shifts
-    else:
-        for interface, part in space.with_slices():
-            if interface.bodies[1] == name:
-                forces[part] = interface.directions[:, axis]
-    return found
-
-
-def _parsed(scene: Settled, result: str) -> tuple[str, str, str, int]:
-    """Group, name, entry and component of a result. Raises InputError where it has no gradient."""
-    kind, name, what, axis = (*result.split("."), "", "", "")[:4]
-    axis = axis.translate(str.maketrans("012", "xyz"))
-    letters = [f".{letter}" for letter in "xyz"[: scene.dimension]]
-    vectors = ["force", "reaction", "displacement"]
-    if comb(scene.dimension, 2) > 1:  # else there is one moment, for one rotation
-        vectors.append("moment")
-    able = [
-        f"{group}.{entry.name}.{one}{end}"
-        for group, entries in (
-            ("contacts", scene.contact),
-            ("bodies", scene.body),
-            ("rigid", scene.rigid),
-        )
-        for entry in entries
-        for one in RESULTS[group]
-        for end in (letters if one in vectors else [""])
-    ]
-    same = f"{kind}.{name}.{what}" + f".{axis}" * bool(axis)
-    if same not in able:
-        near = nearest(same, able) or f" (such as {able[0]!r})"
-        raise InputError(f"gradient({result!r}): there is no such result{near}")
-    if kind == "bodies" and scene.axisymmetric and axis == "x":
+def _named(scene: Settled, result: str) -> Named:
+    """The parts of the name of a result. Raises InputError where it has no gradient."""
+    same, able = with_letters(result), list(results(scene, GRADIENTS))
+    if same in able:
+        return named(same)
+    if same.startswith("bodies") and scene.axisymmetric and same.endswith(".reaction.x"):
         raise InputError(
             f"gradient({result!r}): radial reactions of axisymmetric bodies have none; take y"
         )
-    return kind, name, what, max("xyz".find(axis), 0)
-
-
-def _dissipate(found: Functional, interface: Interface, part: slice, state: ContactState) -> None:
-    """Put the derivative of the work of friction on a contact, ½ (g + g_0) |slip| of the nodes that rub."""
-    law, m = interface.law, interface.m
-    resistance = np.broadcast_to(state.resistance, (m,))[law.sliding]
-    slip, s = state.slip[law.sliding], np.append(state.normal_force, np.zeros(law.size - m))
-    size = magnitude(slip)
-    bounds = 0.5 * size * (resistance > 0.0)
-    slopes = law.slope(s[:m]) * (s[:m] > 0.0)[law.sliding]
-    along = (resistance / np.where(size > 0.0, size, 1.0))[:, None] * slip
-    found.bounds[interface.name] = bounds
-    law.split(found.moves[part])[1][:] = along
-    np.add.at(found.forces[part], law.sliding, bounds * slopes)
+    near = nearest(same, able) or f" (such as {able[0]!r})"
+    raise InputError(f"gradient({result!r}): there is no such result{near}")

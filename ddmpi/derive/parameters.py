@@ -10,7 +10,7 @@ from typing import Any
 import msgspec.structs
 import numpy as np
 
-from ddmpi.body.elasticity import LoadCase, load_cases
+from ddmpi.body.elasticity import Elasticity, LoadCase, apply, load_cases
 from ddmpi.body.loads import supports, thermal_loads
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.coupling.assembly import Assembly, Body
@@ -84,10 +84,14 @@ class Parameter:
         f = -sum_stiffness(mesh, entry).mult(u)
         if acting.heated is not None:
             f += thermal_loads(mesh, entry, acting.warm)[0]
-        f /= self.value
-        zero, free = np.zeros_like(f), elasticity.supports.free[elasticity.nodes]
-        freely = np.einsum("kij,kj->ki", free, f[elasticity.nodes]).ravel()
-        return LoadCase(f, 0.0 * acting.warm, zero, 0.0, zero, zero, freely)
+        return loaded(elasticity, f / self.value)
+
+
+def loaded(elasticity: Elasticity, f: np.ndarray) -> LoadCase:
+    """The load case of nodal loads f (nv, d) alone (N)."""
+    zero, nodes = np.zeros_like(f), elasticity.nodes
+    freely = apply(elasticity.supports.free[nodes], f[nodes]).ravel()
+    return LoadCase(f, 0.0 * elasticity.acting.warm, zero, 0.0, zero, zero, freely)
 
 
 def scaled(case: LoadCase | None, factor: float) -> LoadCase:

@@ -38,6 +38,7 @@ class ContactTotals(NamedTuple):
     bodies, m, law, slave : of the interface; the law by its name
     rigid : motion of the rigid partner; None if there is none
     pressure_max : largest normal stress of a node (Pa); NaN where the contact has no area
+    pressure_mean : the normal force over the area of all nodes (Pa); NaN where the contact has no area
     pressure_max_at : (d,) where, as `place_of_largest` (m); None where there is no stress
     normal_max, normal_sum : of the sizes of the nodes' normal forces (N)
     acting : sum of the sizes of the components of the nodes' forces (N)
@@ -62,6 +63,7 @@ class ContactTotals(NamedTuple):
     rigid: RigidMotion | None
     pressure_max: float
     pressure_max_at: np.ndarray | None
+    pressure_mean: float
     normal_max: float
     normal_sum: float
     acting: float
@@ -255,6 +257,7 @@ class ContactState:
             partner.motion if interface.on_rigid else None,
             float(self.pressure.max(initial=-np.inf if interface.m else 0.0)),
             place_of_largest(self.pressure[interface.lines.row], interface.lines.acting),
+            float(self.normal_force.sum() / (_areas(interface).sum() or np.nan)),
             float(normal.max(initial=0.0)),
             float(normal.sum()),
             float(np.abs(self.forces).sum()),

@@ -268,6 +268,22 @@ def doubt_edges(
     ----------
     states : of the contacts that this rank owns
     """
+    places = _places(assembly, states)
+    warnings = {
+        name: words
+        for name, found in places.items()
+        if (words := _pressure(states[name], found, assembly.scene.units["stress"]))
+    }
+    by_body = _by_body(assembly, places)
+    by_contact = gathered(assembly.world, warnings)
+    named = [contact.name for contact in assembly.scene.contact]
+    if assembly.world.rank:
+        return [], by_body
+    return [by_contact[name] for name in named if name in by_contact], by_body
+
+
+def _places(assembly: Assembly, states: Mapping[str, ContactState]) -> dict[str, Singular]:
+    """Where the stresses of the contacts that this rank owns are infinite. Collective."""
     mine = dict[tuple[str, int], Ends]()
     for body in assembly.bodies:
         name = body.spec.name
@@ -279,19 +295,37 @@ def doubt_edges(
         found = ends_of(body, contacts)
         mine |= {(contact.name, side): found[contact.name] for contact, side in contacts}
     both = assembly.exchange.swap_objects(mine)
-    warnings, places = {}, {}
-    for interface in assembly.space.interfaces:
-        state = states[interface.name]
-        found_here = singular_places(interface, state.status != "open", both[interface.name])
-        places[interface.name] = found_here
-        if words := _pressure(state, found_here, assembly.scene.units["stress"]):
-            warnings[interface.name] = words
-    by_body = _by_body(assembly, places)
-    by_contact = gathered(assembly.world, warnings)
-    named = [contact.name for contact in assembly.scene.contact]
-    if assembly.world.rank:
-        return [], by_body
-    return [by_contact[name] for name in named if name in by_contact], by_body
+    return {
+        met.name: singular_places(met, states[met.name].status != "open", both[met.name])
+        for met in assembly.space.interfaces
+    }
+
+
+def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str]:
+    """The largest pressures and stresses that may have no limit on finer meshes, by the names of the results, on the
+    first rank: also where the largest value does not stand at such a place yet. Collective.
+
+    In a body also corners in contact count, at which stresses depend on friction and on what the other body does.
+    """
+    places = _places(assembly, states)
+    by_body, found = _by_body(assembly, places), dict[str, bool]()
+    for name, singular in places.items():
+        found[f"contacts.{name}.pressure_max"] = len(singular.places) > 0
+    for body in assembly.bodies:
+        name, mesh = body.spec.name, body.mesh
+        facets, bends = boundary_of(mesh)
+        touching = np.zeros(len(mesh.points), bool)
+        for interface in body.member.interfaces:
+            touching[interface.rows.nodes[interface.side(name)]] = True
+        sharp = bends.turn > SHARPEST
+        sharp &= touching[bends.nodes].all(axis=1)
+        found[f"bodies.{name}.von_mises_max"] = bool(
+            sharp.any()
+            or (bends.turn < -SHARPEST).any()
+            or ends_of_clamps(body, facets, bends).any()
+            or any(len(each.places) for each in by_body[name])
+        )
+    return {result for result, infinite in gathered(assembly.world, found).items() if infinite}
 
 
 def _by_body(assembly: Assembly, places: Mapping[str, Singular]) -> dict[str, list[Singular]]:

@@ -151,13 +151,17 @@ class Linearisation:
         left = outward(y + more)
         return np.where(np.abs(left) > CLEAR * space.largest(np.abs(left)), left, 0.0), alpha
 
-    def adjoint(self, j: np.ndarray, a: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
-        """I z (size,) in m/N times the unit of a result J, β (rigid.size,), and the residual, by dJ = j·ds + a·dα."""
-        z, beta, _, residual = self._solve(self.linearised.contract(j), -a, transposed=True)
+    def adjoint(
+        self, j: np.ndarray, a: np.ndarray, aim: float = AIM
+    ) -> tuple[np.ndarray, np.ndarray, float]:
+        """I z (size,) in m/N times the unit of a result J, β (rigid.size,), and the residual, by dJ = j·ds + a·dα; `aim`
+        is the residual that ends the solves."""
+        f = self.linearised.contract(j)
+        z, beta, _, residual = self._solve(f, -a, transposed=True, aim=aim)
         return self.linearised.place(z), -beta, residual
 
     def _solve(
-        self, f: np.ndarray, h: np.ndarray, transposed: bool = False
+        self, f: np.ndarray, h: np.ndarray, transposed: bool = False, aim: float = AIM
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
         """The unknown forces y (k,), the motions α, C times the forces (size,), and the relative residual."""
         joint, space, rigid = self.joint, self.joint.space, self.joint.rigid
@@ -166,7 +170,7 @@ class Linearisation:
         residual = 0.0 if not (space.any(f) or h.any()) else np.inf
         if not residual or not space.any(np.ones(len(f))):
             return y, alpha, product, residual
-        solve = self._approximate(transposed)
+        solve = self._approximate(transposed, aim)
         outward, inward = (
             (self.linearised.place, self.linearised.contract)
             if transposed
@@ -178,7 +182,7 @@ class Linearisation:
             more, turn = solve(left, out, size)
             y, alpha = y + more, alpha + turn
             # the true equations, without ε and D at nodes of several contacts
-            product = joint.product(outward(y), PURPOSE, AIM)
+            product = joint.product(outward(y), PURPOSE, aim)
             left = f - inward(product - rigid.spread(alpha)) - layer * y
             out = joint.stays.moving(h - rigid.sums(outward(y)) - joint.K @ alpha)
             # relative to the largest so far, as a motion may cancel nearly all of f, and forces may cancel each other
@@ -188,13 +192,14 @@ class Linearisation:
                 residual,
                 max(misfit / size if size else 0.0, norm(out) / pull if pull else 0.0),
             )
-            if residual <= AIM or not residual <= GAIN * before:
+            if residual <= aim or not residual <= GAIN * before:
                 break
         return y, alpha, product, residual
 
-    def _approximate(self, transposed: bool) -> Solve:
+    def _approximate(self, transposed: bool, aim: float) -> Solve:
         """A solver of the system with what steers: a function of f (k,), h (rigid.size,) and the size of the first f,
-        which returns y and α. By dense factors where one rank has a small compliance, else by GMRES."""
+        which returns y and α, for a residual of the size `aim` in the end. By dense factors where one rank has a small
+        compliance, else by GMRES."""
         joint = self.joint
         if factors := self._factors:
 
@@ -209,16 +214,16 @@ class Linearisation:
             self._problems[transposed] = LinearProblem(
                 joint, self._preconditioner, self.linearised, self._layer, BY, transposed, PURPOSE
             )
-        problem, least = self._problems[transposed], STEERED if joint.rigid.size else 0.1 * AIM
+        problem, least = self._problems[transposed], STEERED if joint.rigid.size else 0.1 * aim
 
         def by_gmres(f: np.ndarray, h: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
             y, alpha = np.zeros_like(f), np.zeros_like(h)
             if len(h):  # the forces of least energy in half-spaces that balance h
                 y, alpha = problem.precondition(y, h)
-                f = f - problem.apply(y, alpha, AIM)
+                f = f - problem.apply(y, alpha, aim)
             now = joint.space.norm(f)
             more, turn, _ = problem.solve(
-                f, min(max(0.5 * AIM * size / now, least), 0.1) if now else 0.1
+                f, min(max(0.5 * aim * size / now, least), 0.1) if now else 0.1
             )
             return y + more, alpha + turn
 

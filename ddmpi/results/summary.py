@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -10,12 +10,23 @@ import msgspec
 import numpy as np
 
 from ddmpi.interface.state import ContactTotals
+from ddmpi.judge.bars import (
+    COARSE,
+    ENDLESS,
+    LARGEST,
+    LOCKED,
+    STEPPED,
+    UNDETERMINED,
+    Measured,
+    told,
+)
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.judge.motions import TURN
 from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
 from ddmpi.scene.output import units
+from ddmpi.scene.results import named
 from ddmpi.scene.time import Cycle
 from ddmpi.system.files import MECHANISM, writing
 from ddmpi.system.numbers import RigidMotion, in_words, moment, place_of_largest
@@ -52,6 +63,7 @@ ROWS = {
     "bodies.NAME.displacement_max": Row("largest displacement", "length"),
     "bodies.NAME.von_mises_max": Row("von Mises stress", "stress"),
     "bodies.NAME.energy": Row("strain energy", "energy"),
+    "bodies.NAME.points.POINT.displacement": Row("displacement", "length"),
     "bodies.NAME.reaction": Row("reaction", "force"),
     "bodies.NAME.loads.GROUP.force": Row("force", "force"),
     "bodies.NAME.loads.GROUP.moment": Row("moment", "moment"),
@@ -67,6 +79,7 @@ ROWS = {
     **{f"contacts.NAME.{status}": Row(status) for status in STATUS},
     "contacts.NAME.dissipated": Row("dissipated", "energy"),
     "contacts.NAME.pressure_max": Row("largest pressure", "stress"),
+    "contacts.NAME.pressure_mean": Row("mean pressure", "stress"),
     **{
         f"contacts.NAME.certificate.{kind}": Row(kind.replace("_", " "))
         for kind in ContactResiduals._fields
@@ -110,6 +123,74 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
     return (
         f"{row.words} ({', '.join(f'{component:.{digits}g}' for component in components)}) {unit}"
     )
+
+
+def value_of(summary: Mapping[str, Any], result: str) -> float | None:
+    """The value of a result by its name; None where the summary has none."""
+    one = named(result)
+    entry = summary[one.kind].get(one.name, {})
+    value = (entry["points"][one.point] if one.point else entry).get(one.what)
+    return value[one.axis] if isinstance(value, list) else value
+
+
+def quantity_of(result: str) -> str:
+    """The quantity of a result, a key of `units`."""
+    one = named(result)
+    return ROWS[f"{one.kind}.NAME.{'points.POINT.' * bool(one.point)}{one.what}"].quantity
+
+
+def errors_of(
+    summary: Mapping[str, Any], measured: Mapping[str, Measured], unbounded: Collection[str]
+) -> dict[str, dict[str, Any]]:
+    """The entry ``errors`` of a summary, from what is known of results by their names, and those of them that may have
+    no limit on finer meshes. Not collective."""
+    scales, order = _scales(summary), summary["order"]
+    error, found = summary["discretization_error"]["energy_norm"], {}
+    for result, known in measured.items():
+        value, bar = value_of(summary, result), None
+        word = _instead(summary, result, error) or ENDLESS * (result in unbounded)
+        if value is None:
+            word = word or UNDETERMINED
+        elif not word:
+            bar, word = told(named(result), order, known, value, scales[quantity_of(result)])
+        found[result] = {"value": value, "bar": bar, "word": word, "half": None}
+    return found
+
+
+def _instead(summary: Mapping[str, Any], result: str, error: float | None) -> str:
+    """Why no result of this kind has a bar in this run; empty if it may have one."""
+    if error is None:
+        return LOCKED
+    if error > LARGEST:
+        return COARSE
+    several = summary["scene"].get("time") is not None
+    return STEPPED if several and named(result).what == "dissipated" else ""
+
+
+def _scales(summary: Mapping[str, Any]) -> dict[str, float]:
+    """By quantity its largest number in bodies, contacts and rigid partners."""
+    scales = dict.fromkeys(summary["units"], 0.0)
+    for kind in ("bodies", "contacts", "rigid"):
+        for entry in summary[kind].values():
+            for key, value in entry.items():
+                row = ROWS.get(f"{kind}.NAME.{key}")
+                if row and row.quantity in scales and value is not None:
+                    sizes = np.abs(np.array(value, float))
+                    scales[row.quantity] = max(scales[row.quantity], float(np.nanmax(sizes)))
+    return scales
+
+
+def with_bar(summary: Mapping[str, Any], result: str) -> str:
+    """A result with its error in words: "3.51e+04 ± 4e+02 N", or "38.1 MPa, no bar: not resolved"."""
+    entry, unit = summary["errors"][result], summary["units"][quantity_of(result)]
+    value, bar = as_float(entry["value"]), entry["bar"]
+    if bar is None:
+        return f"{value:.4g} {unit}, no bar: {entry['word']}"
+    if not bar:
+        return f"{value:.6g} ± 0 {unit}"
+    last = math.floor(math.log10(bar))  # its first digit, which is rounded up
+    digits = math.floor(math.log10(abs(value))) - last + 1 if value else 1
+    return f"{value:.{min(max(digits, 1), 12)}g} ± {math.ceil(bar / 10.0**last) * 10.0**last:.1g} {unit}"
 
 
 def _contacts_of(summary: Mapping[str, Any], table: str, name: str) -> list[str]:
@@ -361,6 +442,7 @@ def _contact(totals: ContactTotals) -> dict:
         **plain(totals.resultants),
         "pressure_max": totals.pressure_max,
         "pressure_max_at": totals.pressure_max_at,
+        "pressure_mean": totals.pressure_mean,
         "pointwise_penetration": totals.deepest,
         "moment_imbalance": imbalance,
         "moment_imbalance_bound": bound,

@@ -29,6 +29,7 @@ from ddmpi.run.run import Cases
 from ddmpi.scene.keys import override
 from ddmpi.scene.petsc import code_of, refuse_reaching
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
+from ddmpi.scene.results import with_letters
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
 from ddmpi.system.agreement import from_first, in_lockstep, merged
@@ -111,6 +112,19 @@ class Answer:
         if not solution.certified or not isinstance(solution.outer, Newton):
             raise InputError('gradient: needs a certified answer of outer = "newton"')
         return gradient(self.solved.assembly, solution.outer, solution, str(result))
+
+    def error(self, result: str) -> Entry:
+        """The error of a result of ``output.errors`` by the mesh: its entry of the summary, with ``cells``, by body of
+        this rank the contributions (nt,) of its cells, whose sum estimates the exact value less this one. Not
+        collective. Raises InputError for another result."""
+        entries, same = self.summary.get("errors", {}), with_letters(str(result))
+        if same not in entries:
+            raise InputError(
+                f"error({result!r}): output.errors of the scene does not name it"
+                f"{nearest(same, list(entries))} (there: {', '.join(entries) or 'none'})"
+            )
+        cells = self.solved.errors[same].cells if self.solved else {}
+        return Entry(entries[same], cells=cells)
 
     def __repr__(self) -> str:
         summary, contacts = self.summary, list(self.summary["contacts"])

@@ -3,8 +3,8 @@
 import itertools
 import logging
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,7 @@ from ddmpi.coupling.ranks import team_of
 from ddmpi.errors import OutputError
 from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.accuracy import MeshLadder
+from ddmpi.judge.bars import Measured
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import in_force, unused_options, unused_words
@@ -35,7 +36,14 @@ from ddmpi.results.fields import (
 )
 from ddmpi.results.folder import Staging
 from ddmpi.results.histories import write_frames
-from ddmpi.results.summary import plain, rigid_partners, summarize, write_mechanism, write_summary
+from ddmpi.results.summary import (
+    errors_of,
+    plain,
+    rigid_partners,
+    summarize,
+    write_mechanism,
+    write_summary,
+)
 from ddmpi.results.tables import (
     HISTORY,
     write_contact,
@@ -240,6 +248,7 @@ def gather_summary(
     free: list[str],
     started: float,
     steps: StepLog,
+    errors: tuple[Mapping[str, Measured], Collection[str]] = ({}, ()),
 ) -> dict:
     """All of summary.json but the times, on the first rank; nothing on the others. Collective.
 
@@ -249,6 +258,7 @@ def gather_summary(
     ladder : the meshes that led here
     warnings, free : of the scene and of the answer; motions that no contact resists
     started : as for `provenance`
+    errors : as of `errors_of`
     """
     world, scene = assembly.world, assembly.scene
     team = team_of(world)
@@ -291,7 +301,8 @@ def gather_summary(
         **_of_steps(scene, solution, steps),
     }
     summary = summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate)
-    return summary | {"steps": steps.told} | provenance(started, hosts)
+    told = {"errors": errors_of(summary, *errors)} if errors[0] else {}
+    return summary | told | {"steps": steps.told} | provenance(started, hosts)
 
 
 def _of_steps(scene: Settled, solution: Solution, steps: StepLog) -> dict[str, Any]:
@@ -361,8 +372,10 @@ def _body(
     member, name = body.member, body.spec.name
     estimate, stress = error.estimates.get(name), fields[name].von_mises if name in fields else None
     moved, points = np.linalg.norm(solution.displacements[name], axis=1), body.mesh.points
+    displacement = solution.displacements[name]
     if frame := assembly.frames.get(name):
-        points = frame.at(points + solution.displacements[name])  # where the body is now
+        points = frame.at(points + displacement)  # where the body is now
+        displacement = points - body.mesh.points
     return {
         "n": member.elasticity.n,
         "ranks": ranks,
@@ -375,6 +388,10 @@ def _body(
         else place_of_largest(stress, points[body.mesh.corners].mean(axis=1)),
         "energy": estimate
         and estimate.energy / 2,  # by the stresses: rigid motions add no rounding
+        "points": {
+            point: {"displacement": displacement[nodes].mean(axis=0)}
+            for point, nodes in body.mesh.vertices.items()
+        },
         "discretization_error": error.by_body.get(name),
         "n_A_by_purpose": dict(member.C.count),
         "inner_steps": dict(solution.outer.inner_steps),
@@ -394,6 +411,7 @@ class Solved:
     fields: dict[str, Fields]
     summary: dict
     steps: StepLog
+    errors: Mapping[str, Measured] = field(default_factory=dict)
 
 
 def fields_of(

@@ -11,7 +11,15 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.elements import CELLS
 from ddmpi.methods.outer import Step
-from ddmpi.results.summary import as_float, count, held_in_words, largest, loose_in_words, tell
+from ddmpi.results.summary import (
+    as_float,
+    count,
+    held_in_words,
+    largest,
+    loose_in_words,
+    tell,
+    with_bar,
+)
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.scene import Settled
@@ -234,6 +242,7 @@ def log_end(summary: dict, solution: Solution) -> None:
                 f"; with mesh.order = 2 it is smaller, and these cells have about {quadratic} "
                 f"unknowns ({summary['n']} now)"
             )
+    lines += [f"{result}: {with_bar(summary, result)}" for result in summary.get("errors", {})]
     lines += _some_motions(held_in_words(summary) if not solution.mechanism else [])
     lines += _some_motions(loose_in_words(summary))
     for line in lines:

@@ -16,11 +16,20 @@ from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import WorkingRanks, on_working_ranks, team_of
 from ddmpi.coupling.team import Team
 from ddmpi.derive.entries import ENOUGH, Entry
-from ddmpi.errors import DdmpiError, InputError, NotConvergedError, SolverError, naming
+from ddmpi.derive.errors import measure_errors
+from ddmpi.errors import (
+    DdmpiError,
+    InputError,
+    NotConvergedError,
+    SolverError,
+    naming,
+    nearest,
+)
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
+from ddmpi.judge.bars import UNCERTIFIED, Measured
 from ddmpi.judge.diagnosis import diagnose, helpful
-from ddmpi.judge.edges import doubt_edges
+from ddmpi.judge.edges import doubt_edges, unbounded
 from ddmpi.judge.plausible import (
     ROUNDED,
     doubt_answer,
@@ -33,6 +42,7 @@ from ddmpi.judge.plausible import (
 )
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.refine import Sizes
+from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import outer_from_outside
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import in_force
@@ -48,6 +58,7 @@ from ddmpi.run.places import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution, Start
 from ddmpi.scene.keys import flatten
+from ddmpi.scene.results import named, wanted_errors
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agree_on_mistake, agreed, explained, gathered, merged
 from ddmpi.system.clock import Clock
@@ -302,6 +313,7 @@ def prepare_scene(
             world, scene, Path(scene_path).parent, clock, refinement, sizes, factor, kept
         )
         _refuse_cut(assembly)
+        _refuse_points(assembly)
     return replace(assembly, outer=outer)
 
 
@@ -317,6 +329,20 @@ def _refuse_cut(assembly: Assembly) -> None:
         )
         with agreed(assembly.world):
             View(np.concatenate([*ends.values()]), assembly.scene.resolved()["output"])
+
+
+def _refuse_points(assembly: Assembly) -> None:
+    """InputError, on all ranks, where ``output.errors`` names physical points that meshes do not have. Collective."""
+    wanted = [named(result) for result in wanted_errors(assembly.scene)]
+    with agreed(assembly.world):
+        for body in assembly.bodies:
+            points = [*body.mesh.vertices]
+            for one in wanted:
+                if one.point and one.name == body.spec.name and one.point not in points:
+                    raise InputError(
+                        f"output.errors: body {one.name!r} has no physical point {one.point!r}"
+                        f"{nearest(one.point, points)} (there: {', '.join(points) or 'none'})"
+                    )
 
 
 def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> DiscretizationError:
@@ -451,6 +477,8 @@ def _judge(
         warnings += _of_answer(assembly, solution, steps, error, fields, free)
     else:
         warnings += [*_of_meshes(assembly), *steps.doubts_beside(())]
+    errors = _errors(assembly, solution, steps.run, clock)
+    endless = unbounded(assembly.in_world(), solution.states) if errors else set()
     return Solved(
         assembly,
         solution,
@@ -465,6 +493,24 @@ def _judge(
             free,
             clock.started,
             steps,
+            (errors, endless),
         ),
         steps,
+        errors,
     )
+
+
+def _errors(
+    assembly: Assembly, solution: Solution, cycles: int, clock: Clock
+) -> dict[str, Measured]:
+    """What is known of the errors of the results that ``output.errors`` names. Collective."""
+    scene, time = assembly.scene, solution.time
+    factors = scene.factors(1.0 if time is None else scene.drawn(time, cycles))
+    wanted = wanted_errors(assembly.scene)
+    if not solution.certified:
+        return {result: Measured(word=UNCERTIFIED) for result in wanted}
+    if not wanted:
+        return {}
+    assert isinstance(solution.outer, Newton)
+    with clock.phase("errors"):
+        return measure_errors(assembly, solution.outer, solution, wanted, factors)

@@ -178,7 +178,7 @@ def _still_pushed(partners: list[Any]) -> Iterator[str]:
 
 
 def _beside_far(scene: Any) -> Iterator[str]:
-    """Cycles, derivatives or a kind of compliance that do not go with far motions."""
+    """Cycles, derivatives, errors or a kind of compliance that do not go with far motions."""
     if scene.time.cycle:
         yield (
             'time.cycle: does not go with motions = "far"; write the times of all turning points'
@@ -187,6 +187,8 @@ def _beside_far(scene: Any) -> Iterator[str]:
         yield (
             'output.derivatives: there are none with time.motions = "far"; leave one of them out'
         )
+    if scene.output.errors:
+        yield 'output.errors: there are none with time.motions = "far"; leave one of them out'
     if scene.method.compliance not in (None, "explicit"):
         yield (
             f'method.compliance: {scene.method.compliance!r} does not go with time.motions = "far", for '

@@ -80,6 +80,8 @@ class Output(Table, frozen=True, kw_only=True):
         and above the plane of x and y; left out, a corner that suits them
     cut : plane at which pictures cut solids open; left out, none
     derivatives : keys by which the answer is differentiated; see docs/use/derivatives.md
+    errors : results whose errors by the mesh are told, such as "contacts.fit.normal_force", or "main"; see
+        docs/use/accuracy.md
     """
 
     only: Literal["contacts"] | None = None
@@ -95,6 +97,7 @@ class Output(Table, frozen=True, kw_only=True):
     view: bool | Side | tuple[Number, Elevation] | None = None
     cut: Cut | None = None
     derivatives: list[str] = []
+    errors: Literal["main"] | list[str] = []
 
     def __post_init__(self) -> None:
         for key in ("error", "animation", "view"):
@@ -104,6 +107,10 @@ class Output(Table, frozen=True, kw_only=True):
                 raise ValueError(
                     f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two'
                 )
+        if self.only and self.errors:
+            raise ValueError(
+                f'errors need the fields that only = "{self.only}" leaves out; drop one of the two'
+            )
         if not self.stress and str(self.animation).startswith(("von", "stress", "principal")):
             raise ValueError(
                 f'animation = "{self.animation}" asks for stresses; drop stress = false'

@@ -19,6 +19,7 @@ from ddmpi.scene.dimension import FileKind, dimension_of
 from ddmpi.scene.method import PRESETS, Method, SettledMethod
 from ddmpi.scene.output import Checkpoint, Output, units
 from ddmpi.scene.petsc import PETScOptions
+from ddmpi.scene.results import refuse_unknown
 from ddmpi.scene.time import History, Time
 from ddmpi.scene.values import Name, Table, histories, settle
 
@@ -91,6 +92,7 @@ class Scene(Table, frozen=True, kw_only=True):
         )
         if self.output.derivatives:
             refuse_underivable(scene.resolved())
+        refuse_unknown(scene)
         return scene
 
     def _order(

@@ -11,7 +11,7 @@ import io
 import json
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -149,15 +149,9 @@ def read_outcome(folder: Path) -> Outcome:
 def numbers(summary: dict) -> dict[str, float]:
     """The numbers of a summary that have columns, by their dotted names; those of a vector end with .x, .y, .z."""
     columns: dict[str, float] = {}
-    derivatives = (
-        (f"d {name} / d {key}", value)
-        for key, entry in (summary.get("derivatives") or {}).items()
-        for name, value in flatten(entry or {})
-        if name != "until"
-    )
     for name, value in (
         *flatten({name: summary.get(name) for name in (*RESULTS, *GROUPS)}),
-        *derivatives,
+        *_beside(summary),
     ):
         if (
             isinstance(value, list)
@@ -170,6 +164,16 @@ def numbers(summary: dict) -> dict[str, float]:
         elif type(value) in (int, float) and not name.startswith(LEVELS):
             columns[name] = value
     return columns
+
+
+def _beside(summary: dict) -> Iterator[tuple[str, Any]]:
+    """The derivatives and error bars of results, by the names of their columns."""
+    for key, entry in (summary.get("derivatives") or {}).items():
+        for name, value in flatten(entry or {}):
+            if name != "until":
+                yield f"d {name} / d {key}", value
+    for name, entry in (summary.get("errors") or {}).items():
+        yield f"± {name}", entry["bar"]
 
 
 def _along(name: str, axis: str) -> str:

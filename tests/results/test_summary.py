@@ -68,6 +68,9 @@ def test_every_entry_is_documented():
         "energy": balance,
         "cycles": {"run": 3, "change": 0.5},
         "derivatives": {"contact.a-b.gap": by},
+        "errors": {
+            "bodies.a.energy": {"value": 12.0, "bar": 0.5, "word": "", "half": None},
+        },
     }
     summary = summary_of(row(), more) | provenance(0.0, ["host"])
     summary["rigid"] = {

@@ -23,6 +23,8 @@ PARTS = {
     "rigid": "NAME",
     "bodies.NAME.loads": "GROUP",
     "bodies.NAME.reactions": "GROUP",
+    "bodies.NAME.points": "POINT",
+    "errors": "RESULT",
     "derivatives": "KEY",
     **dict.fromkeys(
         (f"derivatives.KEY.{part}" for part in ("contacts", "bodies", "rigid")), "NAME"

@@ -153,6 +153,7 @@ def body(**changes) -> dict:
         "von_mises_max": 8e7,
         "von_mises_max_at": (0.5, 0.25),
         "energy": 12.0,
+        "points": {"tip": {"displacement": (1e-5, -1e-4)}},
         "reaction": (1.0, -2.0),
         "loads": {"top": {"force": (-1.0, 2.0), "moment": 3.0}},
         "reactions": {"left": {"force": (1.0, -2.0), "moment": -3.0}},

@@ -61,6 +61,7 @@ TOLD = "run/test_model.py::test_what_is_kept_is_told"
 CHANGED = "run/test_model.py::test_each_change_has_the_answer_of_a_run_by_itself"
 COUNTS = "run/test_model.py::test_each_dependency_counts"
 DERIVED = "derive/test_derivatives.py"
+BARS, ERRORS = "judge/test_bars.py", "run/test_errors.py"
 DIFFERENCES = f"{DERIVED}::test_derivatives_are_those_of_differences"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 GUIDED, TURNED, BOLTS = (
@@ -3201,7 +3202,7 @@ MUTANTS = [
         ),
         (
             "friction beyond the law does not move bodies",
-            "derive/gradient",
+            "derive/adjoint",
             " - joint.rigid.spread(beta)",
             "",
             DIFFERENCES,
@@ -3212,6 +3213,132 @@ MUTANTS = [
             "        if key not in able:",
             "        if False:",
             f"{DERIVED}::test_a_key_that_names_nothing_is_refused",
+        ),
+        (
+            "loads of a result push its contacts the wrong way",
+            "derive/adjoint",
+            'j = j - joint.exchange.total(free, "load of a result")',
+            'j = j + joint.exchange.total(free, "load of a result")',
+            f"{BARS}::test_the_adjoint_is_the_derivative_by_a_traction",
+        ),
+        (
+            "loads of a result do not move loose bodies",
+            "derive/adjoint",
+            "a = a + joint.of_all(",
+            "a = a + 0.0 * joint.of_all(",
+            f"{BARS}::test_the_adjoint_is_the_derivative_by_a_traction",
+        ),
+        (
+            "an adjoint field without its own load",
+            "derive/adjoint",
+            "body.member.loaded_by(cases[name])",
+            "body.member.loaded_by(loaded(body.member.elasticity, 0.0 * cases[name].f))",
+            f"{BARS}::test_the_adjoint_is_the_derivative_by_a_traction",
+        ),
+        (
+            "a largest stress follows one displacement of its cell",
+            "derive/results",
+            "@ slope).reshape(-1, d)",
+            "@ slope).reshape(-1, d)[::-1]",
+            f"{BARS}::test_the_adjoint_is_the_derivative_by_a_traction",
+        ),
+        (
+            "the energy is linear in the answer",
+            "judge/bars",
+            "half = 0.5 * dual.energy",
+            "half = 1.0 * dual.energy",
+            f"{BARS}::test_the_energy_of_a_loaded_body_errs_by_half_the_squared_error",
+        ),
+        (
+            "the dual of an energy is recovered with the answer in it",
+            "judge/bars",
+            "(dual.z - u, None if heat is None else -heat) if dual.energy",
+            "(dual.z, None if heat is None else -heat) if dual.energy",
+            f"{BARS}::test_the_energy_of_a_loaded_body_errs_by_half_the_squared_error",
+        ),
+        (
+            "errors without the thickness",
+            "body/estimate",
+            "uniform.thickness * cell.rule[1]",
+            "1.0 * cell.rule[1]",
+            f"{BARS}::test_a_thin_body_errs_in_proportion_to_its_thickness",
+        ),
+        (
+            "errors around an axis of a metre of circumference",
+            "body/estimate",
+            "share = weights[:, None] * mesh.map(cells, points).measures",
+            "share = weights[:, None] * replace(mesh, axisymmetric=False).map(cells, points).measures",
+            f"{BARS}::test_errors_around_an_axis_are_those_against_lame",
+        ),
+        (
+            "straight sides have no thickness",
+            "judge/bars",
+            "mesh.axisymmetric) * thickness[cells]",
+            "mesh.axisymmetric)",
+            f"{BARS}::test_straight_sides_leave_out_the_area_of_circles",
+        ),
+        (
+            "straight sides have no circumference",
+            "judge/bars",
+            "measures = facet_measures(mesh.points[facets], mesh.axisymmetric)",
+            "measures = facet_measures(mesh.points[facets])",
+            f"{BARS}::test_straight_sides_around_an_axis_leave_out_rings",
+        ),
+        (
+            "what straight sides leave out has the wrong factor",
+            "judge/bars",
+            "measures * turn / (2.0 * (d + 1))",
+            "measures * turn / (2.0 * d)",
+            f"{BARS}::test_straight_sides_leave_out_the_area_of_circles",
+        ),
+        (
+            "a reaction does not take its own loads",
+            "judge/bars",
+            "by_loads = [dual.z - dual.taken for dual in duals]",
+            "by_loads = [dual.z for dual in duals]",
+            f"{BARS}::test_a_weight_on_straight_sides_is_told",
+        ),
+        (
+            "tractions act on chords",
+            "judge/bars",
+            "straight + works",
+            "straight",
+            f"{BARS}::test_a_moment_on_straight_sides_is_told",
+        ),
+        (
+            "a bar without the stars",
+            "judge/bars",
+            "(abs(measured.signed) + measured.stars)",
+            "abs(measured.signed)",
+            f"{BARS}::test_the_rule",
+        ),
+        (
+            "a bar with a sign",
+            "judge/bars",
+            "(abs(measured.signed) + measured.stars)",
+            "(measured.signed + measured.stars)",
+            f"{BARS}::test_the_rule",
+        ),
+        (
+            "peaks at ends of contacts are like others",
+            "judge/bars",
+            "allowed = AT_END if at in rim_of(interface) else KINK",
+            "allowed = KINK",
+            f"{BARS}::test_a_peak_is_resolved_if_it_is_near_its_neighbours",
+        ),
+        (
+            "a bar is told of a stress without limit",
+            "results/summary",
+            "or ENDLESS * (result in unbounded)",
+            "",
+            f"{ERRORS}::test_every_number_has_a_bar_or_a_word",
+        ),
+        (
+            "a bar is rounded down",
+            "results/summary",
+            "math.ceil(bar / 10.0 ** last)",
+            "math.floor(bar / 10.0 ** last)",
+            f"{ERRORS}::test_a_value_is_told_to_the_digits_of_its_bar",
         ),
         # run
         (
@@ -3337,7 +3464,7 @@ MUTANTS = [
         (
             "places of bodies that move far are as drawn",
             "run/gather",
-            "points = frame.at(points + solution.displacements[name])",
+            "points = frame.at(points + displacement)",
             "points = points + solution.displacements[name]",
             "results/test_places.py::test_places_of_bodies_that_move_far_are_where_they_are_now",
         ),

@@ -1,0 +1,200 @@
+"""The errors of results by the meshes: their adjoints, and what cells, ends of contacts and straight sides add."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ddmpi.body.estimate import nodal_stress
+from ddmpi.body.loads import values_at
+from ddmpi.body.stress import stress, thickness_of, von_mises
+from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.derive.adjoint import Adjoint, VagueError, solve_adjoint
+from ddmpi.derive.chain import Answered
+from ddmpi.derive.entries import CLEAR
+from ddmpi.derive.results import functional
+from ddmpi.errors import SolverError
+from ddmpi.judge.bars import (
+    RUBS,
+    UNDETERMINED,
+    UNSOLVED,
+    Dual,
+    Measured,
+    arcs_of,
+    ends_of_contact,
+    kink_of_pressure,
+    kink_of_stress,
+    parts_of,
+    straight_sides,
+)
+from ddmpi.methods.linear import Linearisation
+from ddmpi.methods.newton import Newton
+from ddmpi.scene.results import Named, named
+from ddmpi.system.agreement import agreed
+from ddmpi.system.numbers import norm
+
+AIM, DEAR = 1e-6, 1e-2
+"""Relative residual of the adjoint equations, and where products are by an iterative solver: at 1e-2 errors change by 1
+to 2 %, and a number costs a quarter of what it does at 1e-4."""
+
+SUMS = ("signed", "stars", "own", "square", "size", "straight", "moved", "rubbed", "terms")
+"""What of `Measured` are sums over bodies and contacts."""
+
+TOGETHER = 8
+"""How many results share a recovery of stresses, whose arrays grow with their number."""
+
+
+def measure_errors(
+    assembly: Assembly,
+    outer: Newton,
+    answer: Answered,
+    wanted: Sequence[str],
+    factors: Mapping[str | None, float],
+) -> dict[str, Measured]:
+    """What is known of the errors of results by their names, with the cells of this rank's bodies; of the present load
+    step, with the `factors` of its loads by history, given the steps before. Collective."""
+    equations, found = outer.linearisation(), dict[str, Measured]()
+    forces = {body.spec.name: _force(body, factors) for body in assembly.bodies}
+    for start in range(0, len(wanted), TOGETHER):
+        some = {result: named(result) for result in wanted[start : start + TOGETHER]}
+        found |= _together(assembly, equations, answer, some, forces)
+    return found
+
+
+def _together(
+    assembly: Assembly,
+    equations: Linearisation,
+    answer: Answered,
+    wanted: Mapping[str, Named],
+    forces: Mapping[str, np.ndarray],
+) -> dict[str, Measured]:
+    """`measure_errors` of results that share a recovery, with the `_force` of each body. Collective."""
+    adjoints, found = dict[str, Adjoint](), dict[str, Measured]()
+    aim = DEAR if assembly.joint.dear else AIM
+    for result, one in wanted.items():
+        wants = functional(assembly, answer.states, answer.displacements, one)
+        try:
+            adjoint = solve_adjoint(assembly, equations, wants, result, aim)
+        except SolverError as error:  # the same on all ranks
+            vague = isinstance(error, VagueError)
+            found[result] = Measured(word=UNDETERMINED if vague else UNSOLVED)
+            continue
+        held = assembly.joint.stays.held
+        if norm(held.T @ adjoint.along) > CLEAR * norm(adjoint.along):
+            found[result] = Measured(word=UNDETERMINED)
+            continue
+        adjoints[result] = adjoint
+    some = {result: wanted[result] for result in adjoints}
+    own, cells = _of_bodies(assembly, answer, some, adjoints, forces)
+    s = equations.point.s
+    sums = [
+        [
+            *row,
+            *_at_ends(assembly, equations, adjoint.q),
+            float(np.abs(adjoint.by_forces) @ np.abs(s)),
+        ]
+        for row, adjoint in zip(own, adjoints.values(), strict=True)
+    ]
+    areas = _areas(assembly) if any(one.what == "pressure_mean" for one in some.values()) else {}
+    mine = [(*_kink(assembly, answer, one), _area_lost(areas, one)) for one in some.values()]
+    totals = assembly.world.allreduce(np.array(sums))
+    largest = np.array(assembly.world.allgather(mine)).max(axis=0)
+    for result, row, here, of_cells in zip(adjoints, totals, largest, cells, strict=True):
+        kink, peak, area = here.tolist()
+        known = dict(zip(SUMS, row.tolist(), strict=True))
+        found[result] = Measured(**known, kink=kink, peak=peak, area=area, cells=of_cells)
+    return {result: found[result] for result in wanted}
+
+
+def _of_bodies(
+    assembly: Assembly,
+    answer: Answered,
+    wanted: Mapping[str, Named],
+    adjoints: Mapping[str, Adjoint],
+    forces: Mapping[str, np.ndarray],
+) -> tuple[np.ndarray, list[dict[str, np.ndarray]]]:
+    """The first six of SUMS (k, 6) of k results over the bodies of this rank, and by body their cells. Collective."""
+    sums, cells = np.zeros((len(wanted), 6)), [dict[str, np.ndarray]() for _ in wanted]
+    with agreed(assembly.world):
+        for body in assembly.bodies if wanted else ():
+            name = body.spec.name
+            parts = parts_of(
+                body.mesh,
+                body.material,
+                (answer.displacements[name], body.member.elasticity.acting.heated),
+                [_dual(one, name, adjoints[result].fields[name]) for result, one in wanted.items()],
+                straight_sides(body.mesh, thickness_of(body.mesh, body.spec)),
+                forces[name],
+                body.member.elasticity.acting.f,
+            )
+            for of_cells, row in zip(cells, parts.cells, strict=True):
+                of_cells[name] = row
+            signed = parts.cells.sum(axis=1)
+            sums += np.column_stack([signed, parts.stars, parts.squares, parts.straight])
+    return sums, cells
+
+
+def _dual(result: Named, body: str, z: np.ndarray) -> Dual:
+    """The adjoint displacement z (nv, d) of a body, with what else the result makes of it."""
+    own, taken = result.kind == "bodies" and result.name == body, np.zeros(z.shape[1])
+    taken[result.axis] = own and result.what == "reaction"
+    return Dual(z, own and result.what == "energy", taken)
+
+
+def _force(body: Body, factors: Mapping[str | None, float]) -> np.ndarray:
+    """The volume force (f, d) at the facets of a body's boundary (N/m³)."""
+    mesh, (force, history) = body.mesh, body.spec.weight
+    places = mesh.points[mesh.boundary[0]].mean(axis=1)
+    values = values_at(force, places, f"body.{body.spec.name}.volume_force")
+    parts = [np.broadcast_to(value, len(places)) for value in values]
+    return factors[history] * np.column_stack(parts)
+
+
+def _at_ends(assembly: Assembly, equations: Linearisation, q: np.ndarray) -> np.ndarray:
+    """The sums (2,) of `ends_of_contact` over the contacts of this rank."""
+    total, s = np.zeros(2), equations.point.s
+    for (interface, part), active in zip(
+        assembly.space.with_slices(), equations.active, strict=False
+    ):
+        total += ends_of_contact(interface, active, s[part], q[part])
+    return total
+
+
+def _areas(assembly: Assembly) -> dict[str, float]:
+    """By contact of this rank how much the area of its nodes differs from that of the smaller side, over itself.
+    Collective."""
+    arcs = {
+        (contact.name, side): arcs_of(body.mesh, contact.on[side])
+        for body in assembly.bodies
+        for contact in assembly.scene.contact
+        for side, name in enumerate(contact.bodies)
+        if name == body.spec.name
+    }
+    both, lost = assembly.exchange.swap_objects(arcs), dict[str, float]()
+    for met in assembly.space.interfaces:
+        least = min(arc for arc in both[met.name] if arc is not None)
+        lost[met.name] = abs(1.0 - least / met.area.sum()) if met.m else 0.0
+    return lost
+
+
+def _area_lost(areas: Mapping[str, float], result: Named) -> float:
+    """Of `_areas`, for a mean pressure; zero for other results and on other ranks."""
+    return areas.get(result.name, 0.0) if result.what == "pressure_mean" else 0.0
+
+
+def _kink(assembly: Assembly, answer: Answered, result: Named) -> tuple[float, float]:
+    """How far a largest value differs from those beside it, over itself; zero for others and on other ranks."""
+    state = answer.states.get(result.name)
+    if result.what == "pressure_max" and state:
+        return kink_of_pressure(state), 0.0
+    if result.what == "dissipated" and state and len(state.interface.sliding):
+        few = state.count("slip") < RUBS and not state.interface.law.two_sided
+        return 2.0 * few, 0.0
+    for body in assembly.bodies:
+        if result.what == "von_mises_max" and body.spec.name == result.name:
+            u, heat = answer.displacements[result.name], body.member.elasticity.acting.heated
+            cells = von_mises(stress(body.mesh, body.material, u, heat))
+            nodes = von_mises(nodal_stress(body.mesh, body.material, u, heat))
+            return kink_of_stress(body.mesh, cells, nodes)
+    return 0.0, 0.0

@@ -1,0 +1,338 @@
+"""How far results are from those of the continuum: the errors of meshes, in the results' own units.
+
+A result J of a discrete answer u_h has the error, with the displacement z of its adjoint problem (Becker and Rannacher,
+Acta Numerica 10, 2001),
+
+    J(u) − J(u_h) ≈ Σ_K η_K,    η_K = ∫_K (σ*_u − σ_h,u) : C⁻¹ : (σ*_z − σ_h,z)
+
+with the recovered stresses σ* of `body.estimate` for both. The strain energy of a body is quadratic: its dual at the mean
+of u and u_h is ½ (u + u_h) + y there, where no load in the body acts on y, so that z − z_h = ½ e_u + e_y, y_h = z_h − u_h.
+Both are recovered from where they are smooth.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sparse
+
+from ddmpi.body.estimate import Moved, differences, relative_error
+from ddmpi.body.stress import Composite, energy_density
+from ddmpi.interface.interface import Interface
+from ddmpi.interface.law import ActiveSet
+from ddmpi.interface.state import ContactState
+from ddmpi.mesh.boundary import SHARPEST, corner_normals, creases
+from ddmpi.mesh.elements import curved_facets, facet_measures, normals
+from ddmpi.mesh.mesh import Mesh
+from ddmpi.scene.bodies import Material
+from ddmpi.scene.results import Named
+from ddmpi.sets import magnitude
+from ddmpi.surface.side import unit
+
+UNSOLVED = "its equations are not solved"
+UNDETERMINED = "not determined"
+UNCERTIFIED = "the answer is not certified"
+LOCKED = "linear cells lock"
+COARSE = "the mesh is too coarse"
+ENDLESS = "grows with finer meshes, has no limit"
+UNRESOLVED = "not resolved"
+LONELY = "carried by one node"
+PARTIAL = "part of a resultant"
+PATCHY = "covers a part of its sides"
+STEPPED = "of all load steps"
+"""Words in the place of bars."""
+
+FACTORS = {1: 0.8, 2: 1.4}
+"""Of |Σ η_K| and the stars in a bar, by the order of the elements: docs/tables/errors.md has how they were found. Those
+of linear cells contain a part of the scatter of stresses."""
+
+LARGEST = 0.25
+"""The largest estimated error in the energy norm with which there are bars."""
+
+KINK, AT_END = 0.15, 0.04
+"""By how much a largest value may differ from those beside it, and where it is at the end of a contact."""
+
+JUMP = 0.3
+"""δ of a resultant from which its dual jumps where a clamp or a contact ends, inside a structure, so that its recovered
+stress tells little: then the bar has at least the SHARE of ‖e_u‖ ‖e_z‖."""
+
+SHARE = 0.25
+
+RUBS = 3
+"""Fewest nodes of a contact that slip for their work to be told."""
+
+COVERED = 0.01
+"""By how much the area of a contact's nodes may differ from that of the smaller side for a mean pressure to be told."""
+
+FLOOR = 1e-5
+"""Least bar, over the largest number of the same quantity: the certificate promises no more."""
+
+
+RESULTANTS = ("force", "normal_force", "tangential_force", "pressure_mean", "moment", "reaction")
+
+
+class Dual(NamedTuple):
+    """The adjoint displacement of a body by a result.
+
+    Attributes
+    ----------
+    z : (nv, d)
+    energy : whether the result is the energy of this body
+    taken : (d,) what the reaction of this body takes of its loads; zero for other results
+    """
+
+    z: np.ndarray
+    energy: bool
+    taken: np.ndarray
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What is known of the error of a result, in its unit.
+
+    Attributes
+    ----------
+    signed : Σ_K η_K, about the exact value less the computed one
+    stars : as of `Parts`
+    own, square, size : `squares` of `Parts`
+    straight : as of `Parts`
+    moved, rubbed : as of `ends_of_contact`
+    terms : sum of the sizes of the products with contact forces of which the result is the sum; zero of others
+    area : of a mean pressure, by how much the area differs from that of the smaller side, over itself
+    kink, peak : of a largest value, as of `kink_of_pressure` and `kink_of_stress`
+    word : why there is no bar; empty if there is one
+    cells : by body of this rank η_K (nt,)
+    """
+
+    signed: float = np.nan
+    stars: float = np.nan
+    own: float = np.nan
+    square: float = np.nan
+    size: float = np.nan
+    straight: float = np.nan
+    moved: float = np.nan
+    rubbed: float = np.nan
+    terms: float = 0.0
+    area: float = 0.0
+    kink: float = 0.0
+    peak: float = 0.0
+    word: str = ""
+    cells: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def schwarz(self) -> float:
+        """‖e_u‖ ‖e_z‖ in the energy norm."""
+        return float(np.sqrt(self.own * self.square))
+
+    @property
+    def delta(self) -> float:
+        """‖e_z‖ / ‖z‖ in the energy norm."""
+        return relative_error(self.square, self.size)
+
+
+class Straight(NamedTuple):
+    """What straight sides leave out of a smooth boundary.
+
+    Attributes
+    ----------
+    volume : (f,) by which it stands out over the facets, negative where it is hollow (m³; in the plane per metre of
+        depth; around an axis of the whole circumference)
+    bent : (nv,) squares of the angle by which it turns from node to node
+    """
+
+    volume: np.ndarray
+    bent: np.ndarray
+
+
+class Parts(NamedTuple):
+    """What a body adds to the errors of k results, in their units.
+
+    Attributes
+    ----------
+    cells : (k, nt) η_K
+    stars : (k,) Σ_v |Σ_K ∫_K φ_v (σ*_u − σ_h,u) : C⁻¹ : (σ*_z − σ_h,z)| with the hat functions φ_v of the vertices
+    squares : (k, 3) ∫ e : C⁻¹ : e of the answer's and of the adjoint stresses, and ∫ σ_h : C⁻¹ : σ_h of these
+    straight : (k,) what straight sides leave out of, or add to, curved boundaries
+    """
+
+    cells: np.ndarray
+    stars: np.ndarray
+    squares: np.ndarray
+    straight: np.ndarray
+
+
+def parts_of(
+    mesh: Mesh,
+    material: Material | Composite,
+    moved: Moved,
+    duals: Sequence[Dual],
+    sides: Straight,
+    force: np.ndarray,
+    loads: np.ndarray,
+) -> Parts:
+    """What a body adds to the errors of results. Not collective.
+
+    Parameters
+    ----------
+    moved : the answer's displacement and temperature
+    sides : what its straight sides leave out
+    force : (f, d) volume force at the facets of the boundary (N/m³)
+    loads : (nv, d) nodal loads (N)
+    """
+    u, heat = moved
+    of_duals = [
+        (dual.z - u, None if heat is None else -heat) if dual.energy else (dual.z, None)
+        for dual in duals
+    ]
+    k, number = len(duals), int(mesh.corners.max()) + 1
+    cells, density = np.zeros((2, k, len(mesh.triangles)))
+    stars, squares, hats = np.zeros((k, number)), np.zeros((k, 3)), mesh.cell.rule[0].T
+    for part in differences(mesh, material, [moved, *of_duals]):
+        own, corners = part.product(0, 0), mesh.corners[part.cells].T
+        for one, dual in enumerate(duals):
+            half = 0.5 * dual.energy
+            product = part.product(0, one + 1)
+            squared = part.product(one + 1, one + 1) + half * (2.0 * product + half * own)
+            product = product + half * own
+            cells[one, part.cells] = product.sum(axis=0)
+            squares[one] += own.sum(), squared.sum(), part.energies(one + 1).sum()
+            for corner, share in zip(corners, hats @ product, strict=True):
+                stars[one] += np.bincount(corner, share, number)
+            sigma, tau = part.computed[0], part.computed[one + 1] + half * part.computed[0]
+            work = part.share * energy_density(part.material, sigma, tau)
+            density[one, part.cells] = work.sum(axis=0) / part.share.sum(axis=0)
+    facets, beside = mesh.boundary
+    by_loads = [dual.z - dual.taken for dual in duals]
+    pushed = [(force * z[facets].mean(axis=1)).sum(axis=1) for z in by_loads]
+    straight = (sides.volume * (np.reshape(pushed, (k, -1)) - density[:, beside])).sum(axis=1)
+    # a traction that grows with the radius acts by 0.2 θ² more on an arc of the angle θ than on its chord
+    works = [0.125 * float((sides.bent[:, None] * loads * z).sum()) for z in by_loads]
+    return Parts(cells, np.abs(stars).sum(axis=1), squares, straight + works)
+
+
+def ends_of_contact(
+    interface: Interface, active: ActiveSet, s: np.ndarray, q: np.ndarray
+) -> np.ndarray:
+    """(2,) what is unknown of a result where the nodes of a contact change their status, as the true place of the
+    change is between two of them: the force of closed nodes moved on by a quarter of a side to open ones; and half the
+    slip bounds that do not follow the pressure, as Tresca's, at nodes beside others of another status. Not collective.
+
+    `s` (size,) are the forces (N), and q (size,) what more forces add to the result, per newton.
+    """
+    law, m = interface.law, interface.m
+    if law.two_sided or not m:
+        return np.zeros(2)
+    normal, tangential = law.split(np.abs(q))
+    beside = sparse.csr_matrix(interface.geometry.laplacian != 0.0)
+    slips = np.zeros(m, bool)
+    slips[law.sliding] = active.slip.any(axis=1)
+    status = active.closed + 2.0 * slips
+    gain = beside.multiply((normal * ~active.closed)[None]).max(axis=1).toarray().ravel()
+    moved = 0.25 * float(np.abs(s[:m]) @ (gain * active.closed))
+    row, column = beside.nonzero()
+    ends = np.zeros(m, bool)
+    ends[row[status[row] != status[column]]] = True
+    bound = law.bound_at(0.0 * s) * ends[law.sliding]
+    return np.array([moved, 0.5 * float(bound @ magnitude(tangential))])
+
+
+def kink_of_pressure(state: ContactState) -> float:
+    """How far the largest pressure of a contact is from the mean at the nearest nodes, over itself and what is allowed;
+    infinite where one node carries all. Not collective."""
+    pressure, interface = np.nan_to_num(state.pressure), state.interface
+    if np.count_nonzero(pressure) < 2:
+        return np.inf
+    at, xy = int(pressure.argmax()), interface.xy
+    away = np.linalg.norm(xy - xy[at], axis=1)
+    near = np.argsort(away, kind="stable")[1 : 2 * interface.dimension - 1]
+    allowed = AT_END if at in rim_of(interface) else KINK
+    return float(abs(1.0 - pressure[near].mean() / pressure[at])) / allowed
+
+
+def arcs_of(mesh: Mesh, group: str) -> float:
+    """The length or area of a boundary group with the arcs over straight sides. Not collective."""
+    facets = mesh.facets(group).nodes
+    bent = straight_sides(mesh, np.ones(len(mesh.triangles))).bent
+    arc = 1.0 + bent[facets].mean(axis=1) / 24.0
+    return float(facet_measures(mesh.points[facets], mesh.axisymmetric) @ arc)
+
+
+def rim_of(interface: Interface) -> np.ndarray:
+    """The rows at the ends of a contact, in space along its edges, but for those on an axis. Not collective."""
+    d, facets = interface.dimension, interface.geometry.facets
+    sides = np.concatenate([np.delete(facets[:, :d], k, axis=1) for k in range(d)])
+    found, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
+    rim = np.unique(found[count == 1])
+    return rim[interface.xy[rim, 0] != 0.0] if interface.axisymmetric else rim
+
+
+def kink_of_stress(mesh: Mesh, sigma: np.ndarray, nodal: np.ndarray) -> tuple[float, float]:
+    """How far the largest of the stresses (nt,) of the cells is from the mean of the cells that share its facets, over
+    itself and what is allowed; and from the largest of the recovered ones (nv,) at its nodes, over itself. Not
+    collective."""
+    number = int(sigma.argmax())
+    if not sigma[number]:
+        return 0.0, 0.0
+    shared = np.isin(mesh.corners, mesh.corners[number]).sum(axis=1)
+    beside = shared == mesh.dimension
+    near = sigma[beside].mean() if beside.any() else 0.0
+    top = nodal[mesh.triangles[number]].max()
+    kink, peak = (float(abs(1.0 - other / sigma[number])) for other in (near, top))
+    return max(kink, peak) / KINK, peak
+
+
+def told(
+    result: Named, order: int, measured: Measured, value: float, scale: float
+) -> tuple[float | None, str]:
+    """The bar of a result, half the width of the interval that is meant to hold the value of the continuum, or None and
+    a word.
+
+    Parameters
+    ----------
+    order : of the elements
+    value, scale : its value, and the largest number of the same quantity
+    """
+    if measured.word:
+        return None, measured.word
+    if measured.kink > 1.0:
+        alone = np.isinf(measured.kink)
+        return None, LONELY if alone else UNRESOLVED
+    sums = FACTORS[order] * (abs(measured.signed) + measured.stars)
+    resultant = result.what in RESULTANTS
+    if resultant and measured.delta > JUMP:
+        sums = max(sums, SHARE * measured.schwarz)
+        if 2.0 * sums > scale:
+            return None, PARTIAL
+    if measured.area > COVERED:
+        return None, PATCHY
+    ends = measured.moved + measured.rubbed + 2.0 * abs(measured.straight)
+    ends += (measured.peak + measured.area) * abs(value)
+    return max(sums + ends, FLOOR * max(scale, measured.terms)), ""
+
+
+def straight_sides(mesh: Mesh, thickness: np.ndarray) -> Straight:
+    """What straight sides leave out of the smooth boundary of a mesh with cells of this thickness (nt,). Not collective.
+
+    Boundaries that turn by less than SHARPEST from facet to facet are taken as smooth. A surface with the curvature κ
+    stands κ e²/8 over the middle of an edge e, and normals at its ends differ by κ e.
+    """
+    d, (facets, cells) = mesh.dimension, mesh.boundary
+    corners = facets[:, :d]
+    x, normal = mesh.points[corners], unit(normals(mesh.points[corners]))
+    bends = creases(mesh.points, corners, normal)
+    smooth = np.ones(len(mesh.points), bool)
+    smooth[bends.nodes[np.abs(bends.turn) > SHARPEST]] = False
+    smooth[bends.rim] = False
+    arms = x - x.mean(axis=1, keepdims=True)
+    turned = corner_normals(mesh.points, corners)[corners] - normal[:, None]
+    turns = (turned * arms).sum(axis=2) * smooth[corners]
+    # a corner leaves the turn at its facet's other ends to count for it
+    turn = d * turns.sum(axis=1) / np.maximum(smooth[corners].sum(axis=1), 1)
+    turn[curved_facets(mesh.points[facets])] = 0.0
+    measures = facet_measures(mesh.points[facets], mesh.axisymmetric) * thickness[cells]
+    bent = np.zeros(len(mesh.points))
+    np.maximum.at(bent, corners, (2.0 / (d - 1) * turn**2 / (arms**2).sum(axis=(1, 2)))[:, None])
+    return Straight(measures * turn / (2.0 * (d + 1)), bent)

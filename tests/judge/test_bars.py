@@ -1,0 +1,359 @@
+"""Errors of results: their adjoints against two runs, their sums against identities and closed forms, and the rule."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scenes import COULOMB
+
+import ddmpi
+from ddmpi.body.loads import nodal_loads
+from ddmpi.derive.adjoint import solve_adjoint
+from ddmpi.derive.errors import measure_errors
+from ddmpi.derive.results import functional
+from ddmpi.judge.bars import (
+    FACTORS,
+    FLOOR,
+    LONELY,
+    PARTIAL,
+    PATCHY,
+    SHARE,
+    UNRESOLVED,
+    Measured,
+    kink_of_pressure,
+    kink_of_stress,
+    straight_sides,
+    told,
+)
+from ddmpi.mesh.build import build_mesh
+from ddmpi.results.summary import value_of
+from ddmpi.scene.reader import read_scene
+from ddmpi.scene.results import named
+
+TIGHT = {"method.tolerance": 1e-12}
+STEEL = {"young": 2e11, "poisson": 0.3}
+
+
+def rectangle(origin: list[float], size: list[float], divisions: list[int]) -> dict:
+    return {"shape": "rectangle", "origin": origin, "size": size, "divisions": divisions}
+
+
+def blocks(n: int = 4, loose: bool = False, push: float = 1.0) -> dict:
+    """Two blocks, the upper one on a finer mesh and pushed by a traction on its top."""
+    upper = {
+        "name": "upper",
+        "mesh": rectangle([0.0, 1.0], [3.0, 1.0], [3 * n, n]),
+        "material": STEEL,
+        "clamp": [] if loose else ["left"],
+        "traction": [{"on": "top", "value": [-1e6 * push, -6e7 * push]}],
+    }
+    lower = {
+        "name": "lower",
+        "mesh": rectangle([0.0, 0.0], [3.0, 1.0], [3 * n + 2, n + 1]),
+        "material": STEEL,
+        "clamp": ["bottom"],
+    }
+    contact = {"name": "c", "bodies": ["upper", "lower"], "on": ["bottom", "top"]}
+    return {"body": [upper, lower], "contact": [contact | {"friction": COULOMB}]}
+
+
+def alone(traction: dict | None = None, clamp=(), order: int = 1, **more) -> dict:
+    """One block without a contact, in bending."""
+    body = {
+        "name": "beam",
+        "mesh": rectangle([0.0, 0.0], [4.0, 1.0], [12, 3]) | {"order": order},
+        "material": STEEL,
+        "clamp": ["left", *clamp],
+        "traction": [traction] if traction else [],
+    }
+    return {"body": [body | more]}
+
+
+def measured(answer, *wanted: str) -> list[Measured]:
+    solution = answer.solved.solution
+    factors = {None: 1.0}
+    found = measure_errors(answer.solved.assembly, solution.outer, solution, wanted, factors)
+    return [*found.values()]
+
+
+def ring(order: int = 1, n: int = 8, **more) -> dict:
+    """A whole ring with the radii 0.5 and 1."""
+    mesh = {
+        "shape": "annulus",
+        "center": [0.0, 0.0],
+        "radii": [0.5, 1.0],
+        "angles": [0.0, 360.0],
+        "divisions": [3 * n, n // 2],
+        "order": order,
+    }
+    return {"name": "ring", "mesh": mesh, "material": STEEL, "clamp": ["inner"]} | more
+
+
+RESULTS = [
+    "contacts.c.force.x",
+    "contacts.c.normal_force",
+    "contacts.c.moment",
+    "contacts.c.pressure_max",
+    "contacts.c.pressure_mean",
+    "contacts.c.dissipated",
+    "bodies.lower.reaction.y",
+    "bodies.upper.displacement_max",
+    "bodies.lower.displacement_max",
+    "bodies.upper.von_mises_max",
+    "bodies.upper.energy",
+    "bodies.lower.energy",
+]
+
+
+@pytest.mark.parametrize("loose", [False, True], ids=["clamped", "loose"])
+def test_the_adjoint_is_the_derivative_by_a_traction(loose):
+    """The work of a change of the traction on the adjoint field is the change of the result, by two runs."""
+    step = 1e-5
+    answer, more, less = (
+        ddmpi.solve(blocks(loose=loose, push=push), overrides=TIGHT)
+        for push in (1.0, 1.0 + step, 1.0 - step)
+    )
+    assembly, solution = answer.solved.assembly, answer.solved.solution
+    upper = assembly.bodies[0]
+    change = nodal_loads(upper.mesh, upper.spec)
+    for result in RESULTS:
+        wanted = functional(assembly, solution.states, solution.displacements, named(result))
+        equations = solution.outer.linearisation()
+        adjoint = solve_adjoint(assembly, equations, wanted, result)
+        by_work = float((adjoint.fields["upper"] * change).sum())
+        values = [value_of(one.summary, result) for one in (more, less)]
+        by_runs = (values[0] - values[1]) / (2 * step)
+        size = 1e-9 * abs(value_of(answer.summary, result))
+        assert by_work == pytest.approx(by_runs, rel=1e-4, abs=size), result
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_the_energy_of_a_loaded_body_errs_by_half_the_squared_error(order):
+    """J(u) − J(u_h) = ½ ‖e‖² under loads, and −½ ‖e‖² under a prescribed displacement (Galerkin orthogonality)."""
+    (loaded,) = measured(
+        ddmpi.solve(alone({"on": "right", "value": [0.0, -1e6]}, order=order)), "bodies.beam.energy"
+    )
+    assert loaded.signed == pytest.approx(0.5 * loaded.own, rel=1e-6)
+    moved = alone(clamp=[{"on": "right", "x": 0.0, "y": -1e-4}], order=order)
+    (pulled,) = measured(ddmpi.solve(moved), "bodies.beam.energy")
+    assert pulled.signed == pytest.approx(-0.5 * pulled.own, rel=1e-6)
+
+
+def test_what_elements_hold_exactly_has_no_error():
+    """Blocks in uniform compression on each other."""
+    scene = blocks()
+    for body in scene["body"]:
+        body["clamp"] = [{"on": "left", "x": 0.0}]
+    scene["body"][1]["clamp"].append({"on": "bottom", "y": 0.0})
+    scene["contact"][0].pop("friction")
+    scene["body"][0]["traction"][0]["value"] = [0.0, -6e7]
+    answer = ddmpi.solve(scene, overrides=TIGHT)
+    for result in ("contacts.c.pressure_mean", "contacts.c.moment", "bodies.upper.energy"):
+        (one,) = measured(answer, result)
+        size = abs(value_of(answer.summary, result))
+        assert abs(one.signed) + one.stars + one.straight < 1e-9 * size, result
+
+
+def rings(n: int, order: int) -> dict:
+    """A quarter of two rings of unlike materials with an interference of 60 µm at the radius 0.6."""
+    planes = [{"on": "start", "normal": 0.0}, {"on": "end", "normal": 0.0}]
+    mesh = {"shape": "annulus", "center": [0.0, 0.0], "angles": [0.0, 90.0], "order": order}
+    bodies = [
+        {
+            "name": name,
+            "mesh": mesh | {"radii": radii, "divisions": [4 * n, n]},
+            "material": {"young": young, "poisson": poisson},
+            "clamp": planes,
+        }
+        for name, radii, young, poisson in (
+            ("inner", [0.3, 0.6], 2e11, 0.3),
+            ("outer", [0.6, 0.9], 1e11, 0.25),
+        )
+    ]
+    fit = {"name": "fit", "bodies": ["inner", "outer"], "on": ["outer", "inner"], "gap": -6e-5}
+    return {"body": bodies, "contact": [fit]}
+
+
+def pressure_of_rings() -> float:
+    """Lamé's, in plane strain."""
+
+    def soft(a: float, b: float, young: float, poisson: float, inside: bool) -> float:
+        # u(r) = (1 + ν)/E · (A (1 − 2ν) r + B/r) at the common radius, under a unit pressure there
+        r = b if inside else a
+        A = -(b**2) / (b**2 - a**2) if inside else a**2 / (b**2 - a**2)
+        B = -(a**2) * b**2 / (b**2 - a**2) * (1.0 if inside else -1.0)
+        u = (1 + poisson) / young * (A * (1 - 2 * poisson) * r + B / r)
+        return abs(u)
+
+    return 6e-5 / (soft(0.3, 0.6, 2e11, 0.3, True) + soft(0.6, 0.9, 1e11, 0.25, False))
+
+
+@pytest.mark.parametrize(("n", "order"), [(4, 1), (8, 1), (4, 2)])
+def test_the_error_of_a_fit_is_that_against_lame(n, order):
+    """The bar of the mean pressure covers the true error; of linear cells the signed sum is near it."""
+    answer = ddmpi.solve(
+        rings(n, order), overrides={"output.errors": ["contacts.fit.pressure_mean"]}
+    )
+    entry = answer.error("contacts.fit.pressure_mean")
+    true = pressure_of_rings() - entry.value
+    assert abs(true) < entry.bar < 12 * abs(true)
+    if order == 1:
+        signed = sum(cells.sum() for cells in entry.cells.values())
+        assert 0.75 < signed / true < 1.75  # the scatter of the samples counts in full
+
+
+@pytest.mark.parametrize("thick", [1.0, 0.5])
+def test_straight_sides_leave_out_the_area_of_circles(thick):
+    """Together they are π (1 − ¼) times the thickness less what the mesh has; order 2 follows the circles."""
+    spec = read_scene("ring", {"body": [ring()]}).body[0]
+    mesh = build_mesh(spec)
+    area = np.pi * 0.75
+    left = straight_sides(mesh, np.full(len(mesh.triangles), thick)).volume.sum()
+    assert left == pytest.approx(thick * (area - mesh.measures().sum()), rel=0.02)
+    curved = build_mesh(read_scene("ring", {"body": [ring(order=2)]}).body[0])
+    assert not straight_sides(curved, np.ones(len(curved.triangles))).volume.any()
+
+
+def test_straight_sides_around_an_axis_leave_out_rings():
+    """A half disc around an axis is a ball: its polygon lacks a part of 4/3 π."""
+    body = ring()
+    body["mesh"] |= {"radii": [0.5, 1.0], "angles": [-90.0, 90.0], "divisions": [24, 4]}
+    body["clamp"] = []
+    scene = {"axisymmetric": True, "body": [body | {"clamp": [{"on": "inner", "y": 0.0}]}]}
+    mesh = build_mesh(read_scene("ball", scene).body[0])
+    mesh = type(mesh)(mesh.points, mesh.triangles, mesh.groups, axisymmetric=True)
+    left = straight_sides(mesh, np.ones(len(mesh.triangles))).volume.sum()
+    shell = 4.0 / 3.0 * np.pi * (1.0 - 0.125)
+    assert left == pytest.approx(shell - mesh.measures().sum(), rel=0.05)
+
+
+def test_a_weight_on_straight_sides_is_told():
+    """The reaction of a heavy ring is the weight of its polygon: the bar is about twice of what is missing."""
+    scene = {"body": [ring(volume_force=[0.0, -1e5])]}
+    answer = ddmpi.solve(scene, overrides={"output.errors": ["bodies.ring.reaction.y"]})
+    entry = answer.error("bodies.ring.reaction.y")
+    true = 1e5 * np.pi * 0.75 - entry.value
+    assert true > 1e-3 * entry.value
+    assert 2.0 * true < entry.bar < 2.5 * true
+
+
+def test_a_moment_on_straight_sides_is_told():
+    """So is that of a traction along a polygon."""
+    turn = {"constant": [0.0, 0.0], "x_slope": [0.0, 1e6], "y_slope": [-1e6, 0.0]}
+    loose = ring(n=16, traction=[{"on": "outer", "value": turn}])
+    hold = {"name": "hold", "shape": "circle", "center": [0.0, 0.0], "radius": 0.5}
+    contact = {"name": "c", "bodies": ["ring", "hold"], "on": ["inner"], "kind": "bonded"}
+    scene = {"body": [loose | {"clamp": []}], "rigid": [hold], "contact": [contact]}
+    answer = ddmpi.solve(scene, overrides={"output.errors": ["contacts.c.moment"]})
+    entry = answer.error("contacts.c.moment")
+    true = -2.0 * np.pi * 1e6 - entry.value  # on the ring
+    assert 1e-3 * abs(entry.value) < abs(true) < entry.bar < 2.0 * abs(true)
+
+
+def state(pressure: list[float], around: bool = False) -> SimpleNamespace:
+    """Nodes on a line with these pressures."""
+    m = len(pressure)
+    line = np.column_stack([np.arange(m), np.zeros(m)]).astype(float)
+    facets = np.column_stack([np.arange(m - 1), np.arange(1, m)])
+    interface = SimpleNamespace(
+        xy=line, dimension=2, geometry=SimpleNamespace(facets=facets), axisymmetric=around
+    )
+    return SimpleNamespace(pressure=np.array(pressure), interface=interface)
+
+
+def test_a_peak_is_resolved_if_it_is_near_its_neighbours():
+    """Within 15 % of their mean, and 4 % where a contact ends; a single node is none."""
+    assert kink_of_pressure(state([0.0, 9.0, 10.0, 9.0, 0.0])) == pytest.approx(0.1 / 0.15)
+    assert kink_of_pressure(state([0.0, 8.0, 10.0, 8.0, 0.0])) == pytest.approx(0.2 / 0.15)
+    assert kink_of_pressure(state([10.0, 9.5, 9.5, 9.0])) == pytest.approx(0.05 / 0.04)
+    assert kink_of_pressure(state([10.0, 9.5, 9.5, 9.0], around=True)) == pytest.approx(1 / 3)
+    assert np.isinf(kink_of_pressure(state([0.0, 3.0, 0.0])))
+
+
+def test_a_stress_is_resolved_if_it_is_near_that_of_the_cells_beside_and_of_the_nodes():
+    mesh = build_mesh(read_scene("b", alone()).body[0])
+    sigma, nodal = np.ones(len(mesh.triangles)), np.ones(len(mesh.points))
+    assert kink_of_stress(mesh, sigma, nodal) == (0.0, 0.0)
+    sigma[10] = 1.25
+    nodal[:] = 1.25
+    assert kink_of_stress(mesh, sigma, nodal) == pytest.approx((0.2 / 0.15, 0.0))
+    nodal[:] = 1.5
+    assert kink_of_stress(mesh, sigma, nodal)[1] == pytest.approx(0.2)
+
+
+def test_the_rule():
+    """The sums times the factor of the order, with what ends of contacts, straight sides and peaks add; half of ‖e‖ ‖e_z‖
+    where a resultant's dual jumps; and words."""
+    force, energy = named("contacts.c.force.x"), named("bodies.b.energy")
+    sums = {"signed": -2.0, "stars": 3.0, "straight": -0.25, "moved": 0.5, "rubbed": 0.125}
+    smooth = Measured(**sums, own=100.0, square=1.0, size=99.0)
+    for order in (1, 2):
+        bar = 5.0 * FACTORS[order] + 0.5 + 0.125 + 0.5
+        assert told(force, order, smooth, 50.0, 50.0) == (pytest.approx(bar), "")
+        assert told(energy, order, smooth, 50.0, 50.0) == (pytest.approx(bar), "")
+    jumps = Measured(**sums, own=400.0, square=1.0, size=3.0)
+    sums_of_one = 5.0 * FACTORS[1]
+    assert told(force, 1, jumps, 50.0, 50.0) == (pytest.approx(20.0 * SHARE + 1.125), "")
+    assert told(energy, 1, jumps, 50.0, 50.0) == (pytest.approx(sums_of_one + 1.125), "")
+    assert told(force, 1, jumps, 5.0, 9.0) == (None, PARTIAL)
+    peak = Measured(**sums, own=1.0, square=1.0, size=9.0, kink=0.9, peak=0.1)
+    stress = named("bodies.b.von_mises_max")
+    assert told(stress, 1, peak, 40.0, 40.0) == (pytest.approx(sums_of_one + 1.125 + 4.0), "")
+    mean = named("contacts.c.pressure_mean")
+    covers = Measured(**sums, own=1.0, square=1.0, size=99.0, area=0.005)
+    assert told(mean, 1, covers, 40.0, 40.0) == (pytest.approx(sums_of_one + 1.125 + 0.2), "")
+    assert told(mean, 1, Measured(**sums, area=0.02), 40.0, 40.0) == (None, PATCHY)
+    assert told(stress, 1, Measured(**sums, kink=1.1), 40.0, 40.0) == (None, UNRESOLVED)
+    assert told(stress, 1, Measured(**sums, kink=np.inf), 40.0, 40.0) == (None, LONELY)
+    assert told(force, 1, Measured(word="not solved"), 1.0, 1.0) == (None, "not solved")
+    none = dict.fromkeys(("signed", "stars", "own", "square", "size", "straight"), 0.0)
+    none |= {"moved": 0.0, "rubbed": 0.0}
+    assert told(energy, 1, Measured(**none), 0.0, 3.0) == (pytest.approx(3.0 * FLOOR), "")
+    assert told(force, 1, Measured(**none, terms=5.0), 0.0, 3.0) == (pytest.approx(5.0 * FLOOR), "")
+
+
+def test_a_thin_body_errs_in_proportion_to_its_thickness():
+    """Its energy and its reaction under the same tractions; displacements err as those of a thick one."""
+    load = {"on": "right", "value": [0.0, -1e6]}
+    thick, thin = (
+        measured(
+            ddmpi.solve(alone(load, material=STEEL | {"plane": "stress", "thickness": t})),
+            "bodies.beam.energy",
+            "bodies.beam.displacement_max",
+        )
+        for t in (1.0, 0.25)
+    )
+    for whole, part, share in zip(thick, thin, (0.25, 1.0), strict=True):
+        assert part.signed == pytest.approx(share * whole.signed, rel=1e-9)
+        assert part.stars == pytest.approx(share * whole.stars, rel=1e-9)
+
+
+def tube(n: int, order: int) -> dict:
+    """A tube around an axis, with the radii 0.5 and 1, under a pressure of 1e7 inside."""
+    body = {
+        "name": "tube",
+        "mesh": rectangle([0.5, 0.0], [0.5, 0.25], [2 * n, n]) | {"order": order},
+        "material": STEEL,
+        "clamp": [{"on": "bottom", "y": 0.0}, {"on": "top", "y": 0.0}],
+        "traction": [{"on": "left", "pressure": 1e7}],
+    }
+    return {"axisymmetric": True, "body": [body]}
+
+
+@pytest.mark.parametrize(("n", "order"), [(2, 1), (4, 1), (1, 2)])
+def test_errors_around_an_axis_are_those_against_lame(n, order):
+    """Of the energy, half the work of the pressure on the whole circumference, and of the largest displacement."""
+    a, b, p, young, poisson = 0.5, 1.0, 1e7, STEEL["young"], STEEL["poisson"]
+    inner = p * (1 + poisson) / young * a * (a**2 * (1 - 2 * poisson) + b**2) / (b**2 - a**2)
+    exact = {
+        "bodies.tube.displacement_max": inner,
+        "bodies.tube.energy": 0.5 * p * inner * 2 * np.pi * a * 0.25,
+    }
+    answer = ddmpi.solve(tube(n, order), overrides={"output.errors": [*exact]})
+    for result, value in exact.items():
+        entry = answer.error(result)
+        true = value - entry.value
+        assert abs(true) < entry.bar < 6 * abs(true), result
+        signed = sum(cells.sum() for cells in entry.cells.values())
+        smooth = order == 1 or result.endswith("energy")
+        assert 0.6 < signed / true < 2.0 or not smooth, result
