@@ -27,7 +27,7 @@ import ddmpi
 from ddmpi.system import clock
 
 STACKS, WALLS = (300, 1000), ("28x36",)
-PHASES = ("outer", "assemble", "factor", "recover", "estimate", "output")
+PHASES = ("outer", "assemble", "factor", "recover", "estimate", "doubt", "output")
 """Those that have columns of their own; all others are in the total."""
 
 FOUND = ("bodies", "contacts", *PHASES, "total", "steps", "products", "converged", "source")

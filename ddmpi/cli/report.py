@@ -56,6 +56,7 @@ PHASES = {
     "outer": "the iteration",
     "recover": "displacements, stresses",
     "estimate": "estimate of the error",
+    "doubt": "warnings of the answer",
     "output": "files and pictures",
     "total": "all",
 }

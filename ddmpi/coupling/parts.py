@@ -22,7 +22,6 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import SettledContact
-from ddmpi.scene.meshes import SettledMesh
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.seams import find_seam
@@ -33,12 +32,14 @@ from ddmpi.system import interrupt
 @dataclass
 class Part:
     """A body of this rank before it is factored: its number in the scene, its specification, and its contacts, each with
-    the body's side, 0 or 1; then its mesh, its discrete problem, and its sides in the order of the contacts."""
+    the body's side, 0 or 1; then its mesh, with the shift from its home (m), its discrete problem, and its sides in the
+    order of the contacts."""
 
     number: int
     spec: SettledBody
     touching: list[tuple[SettledContact, int]]
     mesh: Mesh = field(init=False)
+    shift: tuple[float, ...] = ()
     problem: Elasticity = field(init=False)
     sides: list[Located] = field(default_factory=list)
 
@@ -92,7 +93,7 @@ def assemble_bodies(share: Share) -> dict[tuple[str, int], Located]:
     for part in share.parts:
         part.problem = _assemble(part, share.kept)
         for contact, side in part.touching:
-            sides[contact.name, side] = _side(share, part, contact, side)
+            sides[contact.name, side] = _side(part, contact, side, share.kept)
             part.sides.append(sides[contact.name, side])
         interrupt.check()
     return sides
@@ -104,9 +105,9 @@ def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
     Raises InputError."""
     scene, spec, kept = share.scene, part.spec, share.kept
     file, contacts = content(spec, folder), [contact.on[side] for contact, side in part.touching]
-    home, shift = spec.mesh.at_home(scene.axisymmetric)
+    home, part.shift = spec.mesh.at_home(scene.axisymmetric)
     depends = (
-        home,
+        msgspec.structs.asdict(spec.mesh) | home,
         kept.key("file", spec.name) if file is None else file,
         contacts,
         sizes,
@@ -115,17 +116,17 @@ def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
         [(name, acting.on) for name, acting in spec.acting],
     )
 
-    def build(mesh: SettledMesh) -> Mesh:
-        body, kind = msgspec.structs.replace(spec, mesh=mesh), (scene.dimension, scene.axisymmetric)
-        return build_mesh(body, folder, contacts, sizes, *kind)
+    def build(place: Mapping[str, tuple]) -> Mesh:
+        body = msgspec.structs.replace(spec, mesh=msgspec.structs.replace(spec.mesh, **place))
+        return build_mesh(body, folder, contacts, sizes, scene.dimension, scene.axisymmetric)
 
     try:
-        at_home = kept.get("shape", spec.name, depends, lambda: build(home))
+        mesh = kept.get("shape", spec.name, depends, lambda: build(home))
     except InputError:
-        build(spec.mesh)  # which says where
+        build({})  # which says where
         raise
-    where = kept.key("shape", spec.name), shift
-    return kept.get("mesh", spec.name, where, lambda: at_home.shifted(shift) if shift else at_home)
+    shift, where = part.shift, (kept.key("shape", spec.name), part.shift)
+    return kept.get("mesh", spec.name, where, lambda: mesh.shifted(shift) if shift else mesh)
 
 
 def _assemble(part: Part, kept: Kept) -> Elasticity:
@@ -145,9 +146,9 @@ def _assemble(part: Part, kept: Kept) -> Elasticity:
     return replace(elasticity, warnings=[*warnings, *elasticity.warnings])
 
 
-def _side(share: Share, part: Part, contact: SettledContact, side: int) -> Located:
+def _side(part: Part, contact: SettledContact, side: int, kept: Kept) -> Located:
     """The side of a body on a contact. Not collective. Raises InputError."""
-    kept, spec, group = share.kept, part.spec, contact.on[side]
+    spec, group = part.spec, contact.on[side]
     mesh, supports = part.mesh.home, part.problem.supports
     others = [(other, which) for other, which in part.touching if other is not contact]
     boundary = mesh.facets(group)
@@ -172,9 +173,8 @@ def _side(share: Share, part: Part, contact: SettledContact, side: int) -> Locat
             any(group == other.on[which] for other, which in others),
         )
 
-    _, shift = spec.mesh.at_home(share.scene.axisymmetric)
     found = kept.get("side", f"{contact.name}.{side}", depends, make)
-    return Located(found, spec.name, np.array(shift or np.zeros(mesh.dimension)))
+    return Located(found, spec.name, np.array(part.shift or np.zeros(mesh.dimension)))
 
 
 def _tied(

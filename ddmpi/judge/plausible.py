@@ -552,11 +552,6 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
     twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis
     enclosed = (twice * curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
-    facets = interface.geometry.facets[:, :d]
-    bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
-    sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
-    sharp = sharp[~axis[sharp]]
-    cornered = np.bincount(zone[sharp], minlength=number) > 0
     size, force = (
         np.bincount(zone, closed, number) * twice,
         np.bincount(zone, state.normal_force, number),
@@ -564,9 +559,13 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     least = (2 * cell_with(interface.geometry.facets.shape[1], d - 1).order + 1) ** (
         d - 1
     )  # nodes; fewer say little of it
-    poor = (
-        (size > 0) & (size < least) & enclosed & ~cornered & (force > LIMIT["zone"] * force.sum())
-    )
+    poor = (size > 0) & (size < least) & enclosed & (force > LIMIT["zone"] * force.sum())
+    if poor.any():
+        facets = interface.geometry.facets[:, :d]
+        bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
+        sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
+        sharp = sharp[~axis[sharp]]
+        poor &= np.bincount(zone[sharp], minlength=number) == 0  # not at corners
     if poor.any():
         k = int(np.argmax(np.where(poor, force, -np.inf)))
         yield Doubt(

@@ -471,12 +471,13 @@ def _judge(
             for body in assembly.bodies
             if not scene.output.only
         }
-    free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
-    warnings = [*assembly.warnings, *locking_of(scene)]
-    if solution.certified:
-        warnings += _of_answer(assembly, solution, steps, error, fields, free)
-    else:
-        warnings += [*_of_meshes(assembly), *steps.doubts_beside(())]
+    with clock.phase("doubt"):
+        free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
+        warnings = [*assembly.warnings, *locking_of(scene)]
+        if solution.certified:
+            warnings += _of_answer(assembly, solution, steps, error, fields, free)
+        else:
+            warnings += [*_of_meshes(assembly), *steps.doubts_beside(())]
     errors = _errors(assembly, solution, steps.run, clock)
     endless = unbounded(assembly.in_world(), solution.states) if errors else set()
     return Solved(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from itertools import product
-from typing import Annotated, Literal, Self
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -135,20 +135,20 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     order: Literal[1, 2] | None = None
     refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
 
-    def at_home(self, axisymmetric: bool) -> tuple[Self, tuple[float, ...]]:
-        """The same shape at the origin of coordinates, and its shift from there (m); around an axis it stays at its
-        radius. Without a shift, empty, a mesh of another kind. Not collective."""
+    def at_home(self, axisymmetric: bool) -> tuple[dict[str, tuple], tuple[float, ...]]:
+        """The key with which the same shape is at the origin of coordinates, and its shift from there (m); around an axis
+        it stays at its radius. Both are empty for meshes of other kinds, and the shift for a shape that is there. Not
+        collective."""
         key = next((key for key in ("corners", "center") if getattr(self, key)), "origin")
         if not self.divisions:
-            return self, ()
+            return {}, ()
         places = np.atleast_2d(getattr(self, key) or np.zeros(len(self.divisions)))
         shift = places[0] * (np.arange(places.shape[1]) >= axisymmetric)
         at = places - shift
         if (at + shift != places).any():  # nodes at corners are these to the last bit
-            return self, ()
+            return {}, ()
         place = tuple(map(tuple, at.tolist())) if key == "corners" else tuple(at[0].tolist())
-        home = msgspec.structs.replace(self, **{key: place})
-        return home, tuple(shift.tolist()) if shift.any() else ()
+        return {key: place}, tuple(shift.tolist()) if shift.any() else ()
 
     @property
     def halvings(self) -> int:

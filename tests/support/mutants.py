@@ -1894,8 +1894,8 @@ MUTANTS = [
         (
             "a mesh is kept for another one",
             "coupling/parts",
-            "depends = (home, ",
-            "depends = (",
+            "(msgspec.structs.asdict(spec.mesh) | home, ",
+            "(",
             TOLD,
         ),
         (
@@ -2298,6 +2298,20 @@ MUTANTS = [
             "if not coarse or not apart:",
             "if not coarse:",
             f"{HELD}::test_coarse_elements_let_hold_what_is_resisted_far_less_than_the_rest",
+        ),
+        (
+            "coarse motions are clear of the limit of fine ones",
+            "run/held",
+            "COARSE if coarse else RESISTED",
+            "RESISTED",
+            f"{HELD}::test_coarse_elements_let_hold_what_is_resisted_far_less_than_the_rest",
+        ),
+        (
+            "no motion is clear of the limit by its sign alone",
+            "run/held",
+            "F - (CLEAR * most) ** 2 * D",
+            "F + (CLEAR * most) ** 2 * D",
+            f"{HELD}::test_a_load_aslant_leaves_no_moment",
         ),
         (
             "coarse elements let nothing hold",
