@@ -33,7 +33,7 @@ class Seen:
 
     Attributes
     ----------
-    length, force : units; moments are products of both
+    length, force, stress : units; moments are products of the first two
     turn : (d, d) from the promise to the scene
     shift : (d,) where the origin of the promise is, in lengths of the scene
     cut : whether the block has a foot
@@ -41,6 +41,7 @@ class Seen:
 
     length: float = 1.0
     force: float = 1.0
+    stress: float = 1.0
     turn: np.ndarray | None = None
     shift: np.ndarray | None = None
     cut: bool = False
@@ -320,6 +321,6 @@ def otherwise(scene: dict, kind: Kind) -> tuple[dict, Seen]:
         scene, seen.turn = other, TURN[kind.d]
     seen.shift = SHIFT[: kind.d] * (kind.up if kind.axis else 1.0)
     scene = moved(in_units(permuted(scene), kind, LENGTH, STRESS), seen.shift)
-    seen.length = LENGTH
+    seen.length, seen.stress = LENGTH, STRESS
     seen.force = STRESS * (LENGTH if kind.d == 2 and not kind.axis else LENGTH**2)
     return scene, seen

@@ -33,6 +33,7 @@ class Case:
     refused : words of the message; empty where there is an answer
     told : by key of the summary the value, and what beside it is rounding
     fields : by body the displacement (nv, d) at points (nv, d)
+    pressures : by contact its pressure (Pa), which is the same at all nodes
     stored : the strain energy of all bodies and springs, None where statics does not tell it
     """
 
@@ -40,6 +41,7 @@ class Case:
     refused: str = ""
     told: dict[str, tuple[Any, float]] = field(default_factory=dict)
     fields: dict[str, Callable] = field(default_factory=dict)
+    pressures: dict[str, float] = field(default_factory=dict)
     stored: float | None = None
 
     @property
@@ -449,7 +451,9 @@ def stacked(kind: Kind, /, stress: float = -LOAD, walls: bool = False, **contact
     }
     heights = ((upper, kind.size[-1]), (lower, BELOW))
     stored = sum(0.5 * stress * strain[-1, -1] * height for strain, height in heights)
-    return Case(scene, told=found, fields=fields, stored=stored * kind.area())
+    pressures = {"upper-lower": -stress}
+    stored *= kind.area()
+    return Case(scene, told=found, fields=fields, pressures=pressures, stored=stored)
 
 
 UNLIKE = {2: (3, 2), 3: (3, 2, 1)}
@@ -556,7 +560,8 @@ def on_floor(kind: Kind, stress: float, floor: dict | None = None, **contact: An
     )
     strain = kind.strains(STEEL, stress)
     stored = kind.stored(STEEL, stress) * kind.area() * kind.size[-1]
-    return Case(scene, told=found, fields={"block": kind.field(strain, shift)}, stored=stored)
+    fields, pressures = {"block": kind.field(strain, shift)}, {"block-floor": -stress}
+    return Case(scene, told=found, fields=fields, pressures=pressures, stored=stored)
 
 
 @feature

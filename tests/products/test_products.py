@@ -77,6 +77,10 @@ def as_promised(answer, case: Case, kind: Kind, seen: Seen) -> None:
             size = np.abs(expected[known]).max(initial=0.0)
             found = seen.vectors(fields.displacement)[known]
             assert found == pytest.approx(expected[known], abs=1e-7 * size), name
+    for contact in case.pressures.keys() & answer.contacts.keys():
+        pressure = case.pressures[contact]
+        found = answer.contacts[contact].pressure / seen.stress
+        assert found == pytest.approx(np.full(len(found), pressure), rel=1e-6), contact
     if kind.steps:
         energy = answer.summary["energy"]
         joules = case.joules * seen.force * seen.length
