@@ -142,25 +142,34 @@ def pinned_angle(poisson: float, stress: bool) -> float:
     return float(np.arcsin(np.sqrt(min(square + PINNED, 1.0))))
 
 
-def ends_of_clamps(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray:
-    """(c,) bool, at which creases between straight facets (f, d) a clamp ends so that stresses are infinite. A facet is
-    clamped if it belongs to a clamp's group: clamps of the faces around a free one may constrain all its nodes. Not
-    collective."""
+def _held(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray:
+    """(3, c) bool, at which creases between straight facets (f, d) one of both is clamped, clamped in all directions,
+    and along its normal, as a plane of symmetry. A facet is clamped if it belongs to a clamp's group: clamps of the
+    faces around a free one may constrain all its nodes. Not collective."""
     clamps = clamps_of(body)
     if not clamps:
-        return np.zeros(len(bends.turn), bool)
-    mesh, material = body.mesh, body.material
-    stress = isinstance(material, Material) and material.plane == "stress"
-    clamped = within(mesh, facets, clamps)[bends.facets]
+        return np.zeros((3, len(bends.turn)), bool)
+    clamped = within(body.mesh, facets, clamps)[bends.facets]
     held = np.where(clamped[:, 0], *bends.facets.T)
     free = body.member.elasticity.supports.free[facets[held]]
     fixed = np.abs(free).max(axis=(1, 2, 3), initial=0.0) <= SAME
-    normal = normals(mesh.points[facets[held]])
+    normal = normals(body.mesh.points[facets[held]])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     along = np.einsum("ckij,cj->cki", free, normal)
     mirror = np.abs(along).max(axis=(1, 2), initial=0.0) <= SAME
+    one = clamped.sum(axis=1) == 1
+    return np.array([one, one & fixed, one & mirror])
 
-    least = np.full(len(held), np.pi - SHARPEST)
+
+def ends_of_clamps(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray:
+    """(c,) bool, at which creases between straight facets (f, d) a clamp ends so that stresses are infinite. Not
+    collective."""
+    one, fixed, mirror = _held(body, facets, bends)
+    if not one.any():
+        return one
+    mesh, material = body.mesh, body.material
+    stress = isinstance(material, Material) and material.plane == "stress"
+    least = np.full(len(one), np.pi - SHARPEST)
     least[mirror] = 0.5 * (np.pi + SHARPEST)
     least[fixed] = pinned_angle(poisson_of(body), stress)
 
@@ -170,7 +179,7 @@ def ends_of_clamps(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray
         touching[interface.rows.nodes[interface.side(body.spec.name)]] = True
     met = touching[facets[bends.facets]].all(axis=2).any(axis=1)
     least[met] = np.pi - SHARPEST
-    return (clamped.sum(axis=1) == 1) & (np.pi - bends.turn > least + SAME)
+    return one & (np.pi - bends.turn > least + SAME)
 
 
 def interface_modulus(body: Body) -> float:
@@ -317,7 +326,8 @@ def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str
         touching = np.zeros(len(mesh.points), bool)
         for interface in body.member.interfaces:
             touching[interface.rows.nodes[interface.side(name)]] = True
-        sharp = bends.turn > SHARPEST
+        mirror = _held(body, facets, bends)[2]
+        sharp = np.where(mirror, 2.0 * bends.turn - np.pi, bends.turn) > SHARPEST
         sharp &= touching[bends.nodes].all(axis=1)
         found[f"bodies.{name}.von_mises_max"] = bool(
             sharp.any()

@@ -7,7 +7,8 @@ import pytest
 from scenes import COULOMB, FLOOR, certified, rectangle
 from solid_scenes import box
 
-from ddmpi.judge.edges import BOGY, Ends, mismatch, pinned_angle
+import ddmpi
+from ddmpi.judge.edges import BOGY, Ends, mismatch, pinned_angle, unbounded
 from ddmpi.judge.plausible import _in_thin_cell, _singular
 from ddmpi.mesh.mesh import Mesh
 
@@ -225,3 +226,29 @@ def test_only_a_drawing_can_be_rounded(drawn, said):
     (words,) = _singular(SimpleNamespace(mesh=mesh, spec=spec), stress, "Pa")
     assert "is at a re-entrant corner at (1, 1)" in words
     assert ("round it in the drawing" in words) == said
+
+
+@pytest.mark.parametrize("friction", [None, 0.2])
+def test_corners_on_planes_of_symmetry_are_none(friction):
+    """A quarter of a fit is round where it is cut: the whole has no corner there, the quarter no infinite stress."""
+    law = {"friction": {"law": "coulomb", "coefficient": friction}} if friction else {}
+
+    def quarter(name: str, radii: list[float], cut: list | None) -> dict:
+        mesh = {"shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [0.0, 90.0]}
+        body = {
+            "name": name,
+            "mesh": mesh | {"divisions": [6, 2]},
+            "material": {"young": 2e11, "poisson": 0.3},
+        }
+        return body | ({} if cut is None else {"clamp": cut})
+
+    planes = [{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}]
+    rings = {"in": [5.0, 10.0], "out": [9.99, 20.0]}
+    contact = {"name": "fit", "bodies": ["in", "out"], "on": ["outer", "inner"]} | law
+    scene = {"body": [quarter(*ring, planes) for ring in rings.items()], "contact": [contact]}
+    solved = ddmpi.solve(scene).solved
+    assert unbounded(solved.assembly, solved.solution.states) == set()
+    # a fixed end keeps the ring from becoming thinner there
+    scene["body"][0]["clamp"] = ["start"]
+    solved = ddmpi.solve(scene).solved
+    assert "bodies.in.von_mises_max" in unbounded(solved.assembly, solved.solution.states)

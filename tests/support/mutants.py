@@ -328,6 +328,13 @@ MUTANTS = [
             f"{HELD}::test_a_shaft_in_a_split_bush_is_that_in_a_whole_one",
         ),
         (
+            "corners on planes of symmetry count",
+            "judge/edges",
+            "np.where(mirror, 2.0 * bends.turn - np.pi, bends.turn)",
+            "np.where(mirror, bends.turn, bends.turn)",
+            "judge/test_edges.py::test_corners_on_planes_of_symmetry_are_none",
+        ),
+        (
             "held motions in the order of their resistance",
             "run/held",
             "told = sorted(told[:-1], key=lambda one: (order.index(one.body), one.motion))",
