@@ -33,7 +33,7 @@ SOFTEST, HARDEST, HARDER = 1e3, 1e-7, 0.1
 """δ of the first and the last stage, and of each stage over that of the one before."""
 
 LATE, SETTLED, SETTLED_LATE = 0.2, 0.2, 0.02
-"""A stage ends when a full step leaves a residual below SETTLED of the forces, from δ = LATE on below SETTLED_LATE or δ
+"""A stage ends when a step leaves a residual below SETTLED of the forces, from δ = LATE on below SETTLED_LATE or δ
 of them, whichever is less."""
 
 MOST_STEPS = 15
@@ -199,9 +199,8 @@ class Softening(Path):
         # friction at its bound is g q̂: across q̂ the layer gives way by D |q_t|/g = D (1 + κ)
         move, layer = linearised.move(point.s), layer * (1.0 + linearised.spring)
         change = solve(point, linearised, move, -layer * (point.s + move), layer)
-        length = 1.0 if first else self._length(change)
-        self.point = point.along(change, length)
-        self._judge(change, length)
+        self.point = point.along(change, 1.0 if first else self._length(change))
+        self._judge(change)
 
     def _pressed(self, point: Point, delta: float) -> np.ndarray:
         """q (size,) whose projection are the forces of a layer of δ = `delta`; of bonded rows s − c r."""
@@ -242,11 +241,8 @@ class Softening(Path):
                 return float(t[best])
         return float(t[best])
 
-    def _judge(self, change: Point, length: float) -> None:
-        """Decide after a step whether the stage is settled, or the path has failed. Collective.
-
-        Only a full step ends a stage: a shorter one ends where a node begins to slip or opens, so active sets change.
-        """
+    def _judge(self, change: Point) -> None:
+        """Decide after a step whether the stage is settled, or the path has failed. Collective."""
         point = self.point
         misfit = point.s - self._laws.project(self._pressed(point, self._delta))
         contact, size, moved = self._space.norms([misfit, point.s, change.s])
@@ -259,7 +255,7 @@ class Softening(Path):
         # early stages need only lead near the next one; in late ones few nodes decide where a body goes
         late = self._delta <= LATE
         share = min(SETTLED_LATE, self._delta) if late else SETTLED
-        self._settled = length == 1.0 and self._residual <= share * size
+        self._settled = self._residual <= share * size
         if not self._settled:
             # all nodes are open, and loose bodies fall onto nothing
             still = not (moved or norm(change.alpha))

@@ -2532,10 +2532,10 @@ MUTANTS = [
             f"{DENSE}::test_a_direction_by_gmres_solves_its_equations",
         ),
         (
-            "no step of softening is a full one",
+            "no stage of softening ends",
             "methods/paths",
-            "_settled = length == 1.0",
-            "_settled = length == 2.0",
+            "_settled = self._residual <= share * size",
+            "_settled = False",
             "methods/test_steps.py::test_friction_in_space_finds_its_direction",
         ),
         (
