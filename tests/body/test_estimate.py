@@ -11,6 +11,7 @@ from scipy.sparse.linalg import spsolve
 from ddmpi.body.estimate import (
     Deformed,
     ErrorEstimate,
+    _recover,
     estimate_error,
     estimate_errors,
     nodal_stress,
@@ -445,3 +446,29 @@ def test_stress_at_nodes_between_materials_is_the_mean_of_theirs():
         assert found[at] == pytest.approx(
             np.broadcast_to(expected, found[at].shape), abs=1e-9 * np.abs(pure).max()
         )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_stress_is_recovered_from_the_cells_around_a_vertex(order):
+    """Within a body from no others: a stress in one cell is seen at its own nodes, and at those at the boundary beside."""
+    mesh = raise_order(
+        generate_rectangle(MeshSpec(shape="rectangle", size=(1.3, 1.1), divisions=(6, 6))),
+        "",
+        order,
+    )
+    inside = np.abs(mesh.points / [1.3, 1.1] - 0.5).max(axis=1) < 0.25
+    cell = int(np.flatnonzero(inside[mesh.corners].all(axis=1))[0])
+    sampled = np.zeros((1, len(mesh.cell.samples[0]), len(mesh.triangles)))
+    sampled[..., cell] = 7.0
+    seen = np.abs(_recover(mesh, sampled).nodes[0]) > 1e-9
+    vertices = np.unique(mesh.corners)
+    assert {*vertices[seen[vertices] & inside[vertices]]} == {*mesh.corners[cell]}
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_wall_of_one_element_recovers_what_is_even(order):
+    """It has no vertex within, from which its boundary could borrow: a constant stress is itself at all nodes."""
+    spec = MeshSpec(shape="rectangle", size=(1.3, 0.2), divisions=(6, 1))
+    mesh = raise_order(generate_rectangle(spec), "", order)
+    sampled = np.full((1, len(mesh.cell.samples[0]), len(mesh.triangles)), 7.0)
+    assert _recover(mesh, sampled).nodes == pytest.approx(np.full((1, len(mesh.points)), 7.0))

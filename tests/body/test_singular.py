@@ -74,8 +74,8 @@ def test_materials_that_differ_too_much_are_named(tmp_path):
 
 def test_the_thinnest_cell_is_named():
     """By its place, and by its length over its mean height: of three cells that of 1e-9."""
-    points = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 1.0 + 1e-9]])
+    points = 3.0 * np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 1.0 + 1e-9]])
     mesh = Mesh(points, np.array([[0, 1, 2], [0, 2, 3], [3, 2, 4]]), {})
     size, words = _thin_cells(mesh)
-    assert "the cell at (0.5, 1) is 2e+09 times as long as it is thick" in words
+    assert "the cell at (1.5, 3) is 2e+09 times as long as it is thick" in words
     assert size == pytest.approx(4e18)

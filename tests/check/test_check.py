@@ -3,6 +3,7 @@
 import contextlib
 import re
 import tomllib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from scenes import ROOT, call, pinched_blocks, rectangle, run_python, to_toml, t
 from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
+from ddmpi.check.drawing import as_results
 from ddmpi.check.nearby import NEAR, Missing
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError, InterruptionError, NotConvergedError
@@ -406,3 +408,16 @@ def test_sides_are_proposed_as_far_as_a_quarter_of_the_smaller_facet(unit, part,
     ]
     facing = {frozenset({("lower", "top"), ("upper", "bottom")})}
     assert sides(proposed(looked_at({"body": bodies}))) == (facing if part < 0.25 else set())
+
+
+def test_pictures_of_a_check_have_all_bodies_where_they_are():
+    """The cells of each body have its own points, and are as large as it is; nothing has moved."""
+    settled = read_scene("scene.toml", to_toml(two_boxes(2, 1)))
+    assembly = prepare(MPI.COMM_SELF, settled, factor=False)
+    bodies = {body.spec.name: SimpleNamespace(mesh=body.mesh) for body in assembly.bodies}
+    fields = as_results(settled, bodies, []).fields
+    assert not fields["displacement"].any()
+    for k, body in enumerate(bodies.values()):
+        cells = fields["cells"][fields["body"] == k]
+        drawn = fields["points"][cells]
+        assert (drawn == body.mesh.points[body.mesh.triangles]).all()

@@ -34,6 +34,7 @@ class Case:
     told : by key of the summary the value, and what beside it is rounding
     fields : by body the displacement (nv, d) at points (nv, d)
     pressures : by contact its pressure (Pa), which is the same at all nodes
+    slips : by contact how far each node slides in the last load step (m)
     stored : the strain energy of all bodies and springs, None where statics does not tell it
     """
 
@@ -42,6 +43,7 @@ class Case:
     told: dict[str, tuple[Any, float]] = field(default_factory=dict)
     fields: dict[str, Callable] = field(default_factory=dict)
     pressures: dict[str, float] = field(default_factory=dict)
+    slips: dict[str, float] = field(default_factory=dict)
     stored: float | None = None
 
     @property
@@ -579,6 +581,26 @@ def moved_floor(kind: Kind) -> Case:
     way = squeezed(kind) * kind.up
     floor = {"displacement": way.tolist()}
     return on_floor(kind, -LOAD, floor, block={"clamp": [kind.hold("top")]}, shift=way)
+
+
+@feature
+def floor_that_slides(kind: Kind) -> Case:
+    """Without friction a block and the floor below go opposite ways; around an axis the block stays."""
+    way, back = 2.3e-4, 0.0 if kind.axis else -0.9e-4
+    walls = [wall | ({"x": back} if "x" in wall else {}) for wall in kind.walls()]
+    scene = kind.scene(
+        kind.block(clamp=walls, traction=[{"on": "top", "pressure": LOAD}]),
+        rigid=[kind.floor(displacement=(way * kind.aside).tolist())],
+        contact=[{"bodies": ["block", "floor"], "on": ["bottom"]}],
+        grows=True,
+    )
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+    force = LOAD * kind.area() * kind.up
+    found = told(LOAD * kind.area(), **{"contacts__block-floor__force": force})
+    last = 0.5 * (0.6 - 0.35) / 0.6 if kind.steps else 1.0
+    slips = {"block-floor": last * (way - back)}
+    return Case(scene, told=found, pressures={"block-floor": LOAD}, slips=slips)
 
 
 @feature

@@ -81,6 +81,10 @@ def as_promised(answer, case: Case, kind: Kind, seen: Seen) -> None:
         pressure = case.pressures[contact]
         found = answer.contacts[contact].pressure / seen.stress
         assert found == pytest.approx(np.full(len(found), pressure), rel=1e-6), contact
+    for contact in case.slips.keys() & answer.contacts.keys():
+        found = np.linalg.norm(answer.contacts[contact].slip, axis=1) / seen.length
+        expected = np.full(len(found), case.slips[contact])
+        assert found == pytest.approx(expected, rel=1e-6), contact
     if kind.steps:
         energy = answer.summary["energy"]
         joules = case.joules * seen.force * seen.length

@@ -214,6 +214,13 @@ MUTANTS = [
             f"{LEGS}::test_agreed_raises_the_first_error_on_all_ranks",
         ),
         (
+            "ranks agree on mistakes at different lines",
+            "system/agreement",
+            "if len(set(world.allgather(seen))) > 1:",
+            "if not len(set(world.allgather(seen))) > 1:",
+            "system/test_agreement.py::test_a_mistake_at_the_same_line_of_all_ranks_is_agreed_on",
+        ),
+        (
             "a file is written in place",
             "system/files",
             'path.with_name(f"{UNFINISHED}-{socket.gethostname()}-{os.getpid()}-{path.name}")',
@@ -1289,6 +1296,20 @@ MUTANTS = [
             "axis=-1) / counts",
             "axis=-1)",
             "body/test_estimate.py::test_an_estimate_is_near_the_error_of_a_smooth_field",
+        ),
+        (
+            "patches within a body reach as far as at its boundary",
+            "body/estimate",
+            "at_boundary = np.zeros(len(at))",
+            "at_boundary = np.ones(len(at))",
+            "body/test_estimate.py::test_a_stress_is_recovered_from_the_cells_around_a_vertex",
+        ),
+        (
+            "cells around others count against those of the vertex",
+            "body/estimate",
+            "around + beside.astype(float) @ around",
+            "around - beside.astype(float) @ around",
+            "body/test_estimate.py::test_a_wall_of_one_element_recovers_what_is_even",
         ),
         (
             "unknowns of middles without edges of the boundary",
@@ -2814,6 +2835,13 @@ MUTANTS = [
             "body/test_singular.py::test_the_thinnest_cell_is_named",
         ),
         (
+            "cells of a large body are thin",
+            "body/singular",
+            "/ longest ** (mesh.dimension - 1)",
+            "* longest ** (mesh.dimension - 1)",
+            "body/test_singular.py::test_the_thinnest_cell_is_named",
+        ),
+        (
             "a dense compliance judges itself",
             "methods/newton",
             "self.joint.solved if self.refined else self.joint.product",
@@ -3913,6 +3941,13 @@ MUTANTS = [
             "run/test_outside.py::test_what_a_class_does_not_keep_is_refused",
         ),
         (
+            "slip without friction counts the partner's way twice",
+            "run/solve",
+            "- gone, before)",
+            "+ gone, before)",
+            "products/test_products.py::test_a_feature_in_a_kind_of_scene[floor that slides-strain-1-once]",
+        ),
+        (
             "uncertified cases are called certified",
             "sweep/table",
             '"exit": 0 if summary["converged"] else 3',
@@ -3941,6 +3976,13 @@ MUTANTS = [
             "    if behind:\n",
             "    if not behind:\n",
             "check/test_check.py::test_numbered_faces_are_drawn",
+        ),
+        (
+            "pictures of a check have cells of other bodies",
+            "check/drawing",
+            "mesh.triangles + start for",
+            "mesh.triangles - start for",
+            "check/test_check.py::test_pictures_of_a_check_have_all_bodies_where_they_are",
         ),
         (
             "contacts are proposed where nothing is near",
@@ -4202,6 +4244,13 @@ EQUIVALENT = [
             "<= near / FLUSH",
             "< near / FLUSH",
             "It differs where two computed distances are equal to the last bit.",
+        ),
+        (
+            "a support is known by its second component",
+            "decks/acting",
+            "given[:-1, 0]",
+            "given[:-1, 1]",
+            "All components of a support's direction are given, or none is.",
         ),
     )
 ]

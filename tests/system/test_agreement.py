@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
-from ddmpi.errors import SolverError
-from ddmpi.system.agreement import agreed, explained
+from ddmpi.errors import InternalError, SolverError
+from ddmpi.system.agreement import agree_on_mistake, agreed, explained
 
 
 @pytest.mark.parametrize(
@@ -26,3 +26,27 @@ def test_what_is_too_large_is_an_error_of_the_solver(work, words):
     with pytest.raises(SolverError, match=words) as error, agreed(MPI.COMM_SELF):
         work()
     assert error.value.agreed
+
+
+@pytest.mark.mpi(ranks=2)
+def test_a_mistake_at_the_same_line_of_all_ranks_is_agreed_on(comm):
+    """Then they can go on with another case; ranks with other mistakes, or at other lines, cannot."""
+    beside, found = MPI.COMM_WORLD.Dup(), []
+
+    def caught(*mistakes: Exception) -> InternalError | None:
+        try:
+            raise mistakes[comm.rank]
+        except Exception as error:
+            return agree_on_mistake(beside, error)
+
+    found.append(caught(KeyError("a"), KeyError("b")))
+    found.append(caught(KeyError("a"), IndexError("a")))
+    try:
+        if comm.rank:
+            raise KeyError("a")
+        raise KeyError("a")
+    except KeyError as error:
+        found.append(agree_on_mistake(beside, error))
+    beside.Free()
+    assert isinstance(found[0], InternalError) and "KeyError" in str(found[0])
+    assert found[1:] == [None, None]
