@@ -500,7 +500,7 @@ def _connected(
         first, second = map(Side.shifted, (one.side, other.side), shifts, PAIR)
         return connect(first, second, alike, refinement)
 
-    depends = (one.side, other.side, shifts, refinement, _bare(alike))
+    depends = (one.key, other.key, shifts, refinement, _bare(alike))
     try:
         found = kept.get("pair", contact.name, depends, make)
     except InputError:

@@ -107,7 +107,7 @@ def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
     file, contacts = content(spec, folder), [contact.on[side] for contact, side in part.touching]
     home, part.shift = spec.mesh.at_home(scene.axisymmetric)
     depends = (
-        msgspec.structs.asdict(spec.mesh) | home,
+        repr(msgspec.structs.asdict(spec.mesh) | home),
         kept.key("file", spec.name) if file is None else file,
         contacts,
         sizes,
@@ -173,8 +173,9 @@ def _side(part: Part, contact: SettledContact, side: int, kept: Kept) -> Located
             any(group == other.on[which] for other, which in others),
         )
 
-    found = kept.get("side", f"{contact.name}.{side}", depends, make)
-    return Located(found, spec.name, np.array(part.shift or np.zeros(mesh.dimension)))
+    owner, shift = f"{contact.name}.{side}", np.array(part.shift or np.zeros(mesh.dimension))
+    found = kept.get("side", owner, depends, make)
+    return Located(found, kept.key("side", owner), spec.name, shift)
 
 
 def _tied(

@@ -18,7 +18,6 @@ load would be thousands of times as large as the load.
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -31,12 +30,14 @@ from scipy.sparse import csgraph
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.judge.equilibrium import IMBALANCE, Mechanism
 from ddmpi.judge.motions import (
+    CLEAR,
     LARGEST,
     RESISTED,
     TURN,
     MotionsOfBody,
     describe_motions,
     forwards,
+    is_definite,
     told_apart,
 )
 from ddmpi.methods.outer import Outer
@@ -46,9 +47,6 @@ from ddmpi.system.agreement import from_first, gathered
 COARSE, APART = 1e-2, 30.0
 """Normals of coarse linear elements in space are off by up to COARSE: motions that are resisted by so little are held as
 well, with a warning, if all others are resisted by APART times as much."""
-
-CLEAR = 1.01
-"""Motions that are resisted by more than so many times the limit need no eigenvalues."""
 
 WORST = 3.0
 """Where few nodes bear, the normals of coarse elements are off there by up to this times the mean error COARSE."""
@@ -302,9 +300,7 @@ def _unresisted(F: np.ndarray, D: np.ndarray, coarse: bool) -> tuple[np.ndarray,
     own = RIGID * np.where(sizes > 0.0, sizes, 1.0)
     D = D + np.diag(own)
     most = COARSE if coarse else RESISTED
-    with contextlib.suppress(np.linalg.LinAlgError):
-        # positive definite where all are resisted by more; of 1,000 bodies a hundredth of the time of eigenvalues
-        np.linalg.cholesky(F - (CLEAR * most) ** 2 * D)
+    if is_definite(F - (CLEAR * most) ** 2 * D):  # all are resisted by more
         return np.empty((len(F), 0)), False
     squares, vectors = eigh(F, D)
     ratios = np.sqrt(np.maximum(squares, 0.0))

@@ -188,9 +188,10 @@ class Side:
 
 class Located(NamedTuple):
     """A side that alike bodies have in common, of a body without a name where their mesh is at home; and a body of this
-    name that is elsewhere, by a shift (d,) in metres."""
+    name that is elsewhere, by a shift (d,) in metres. The key is the same on all ranks for the same side."""
 
     side: Side
+    key: str
     body: str
     shift: np.ndarray
 

@@ -1796,8 +1796,8 @@ MUTANTS = [
         (
             "pairs of bodies are alike at any distance",
             "coupling/assembly",
-            "(one.side, other.side, shifts, refinement,",
-            "(one.side, other.side, refinement,",
+            "(one.key, other.key, shifts, refinement,",
+            "(one.key, other.key, refinement,",
             "coupling/test_alike.py::test_answers_are_those_of_separate_bodies",
         ),
         (
@@ -1922,7 +1922,7 @@ MUTANTS = [
         (
             "a mesh is kept for another one",
             "coupling/parts",
-            "(msgspec.structs.asdict(spec.mesh) | home, ",
+            "(repr(msgspec.structs.asdict(spec.mesh) | home), ",
             "(",
             TOLD,
         ),
@@ -1950,15 +1950,15 @@ MUTANTS = [
         (
             "rows are kept for another first side",
             "coupling/assembly",
-            "(one.side, other.side, shifts,",
-            "(other.side, shifts,",
+            "(one.key, other.key, shifts,",
+            "(other.key, shifts,",
             TOLD,
         ),
         (
             "rows are kept for another second side",
             "coupling/assembly",
-            "(one.side, other.side, shifts,",
-            "(one.side, shifts,",
+            "(one.key, other.key, shifts,",
+            "(one.key, shifts,",
             TOLD,
         ),
         (
@@ -2791,6 +2791,13 @@ MUTANTS = [
             "if np.array_equal(c, codes[-1])]",
             "if np.array_equal(c, codes[-0])]",
             "methods/test_newton.py::test_status_log",
+        ),
+        (
+            "all motions are resisted",
+            "judge/motions",
+            "squares - CLEAR**2 * least * np.eye(len(squares))",
+            "squares + CLEAR**2 * least * np.eye(len(squares))",
+            f"{EQUILIBRIUM}::test_undetermined_motions",
         ),
         (
             "a driven motion is named the wrong way",
