@@ -38,7 +38,7 @@ AIM, DEAR = 1e-6, 1e-2
 """Relative residual of the adjoint equations, and where products are by an iterative solver: at 1e-2 errors change by 1
 to 2 %, and a number costs a quarter of what it does at 1e-4."""
 
-SUMS = ("signed", "stars", "own", "square", "size", "straight", "moved", "rubbed", "terms")
+SUMS = ("signed", "stars", "own", "square", "size", "straight", "moved", "rubbed", "left", "terms")
 """What of `Measured` are sums over bodies and contacts."""
 
 TOGETHER = 8
@@ -91,7 +91,7 @@ def _together(
     sums = [
         [
             *row,
-            *_at_ends(assembly, equations, adjoint.q),
+            *_at_ends(assembly, equations, adjoint),
             float(np.abs(adjoint.by_forces) @ np.abs(s)),
         ]
         for row, adjoint in zip(own, adjoints.values(), strict=True)
@@ -151,13 +151,14 @@ def _force(body: Body, factors: Mapping[str | None, float]) -> np.ndarray:
     return factors[history] * np.column_stack(parts)
 
 
-def _at_ends(assembly: Assembly, equations: Linearisation, q: np.ndarray) -> np.ndarray:
-    """The sums (2,) of `ends_of_contact` over the contacts of this rank."""
-    total, s = np.zeros(2), equations.point.s
+def _at_ends(assembly: Assembly, equations: Linearisation, adjoint: Adjoint) -> np.ndarray:
+    """The sums (3,) of `ends_of_contact` over the contacts of this rank."""
+    total, s = np.zeros(3), equations.point.s
     for (interface, part), active in zip(
         assembly.space.with_slices(), equations.active, strict=False
     ):
-        total += ends_of_contact(interface, active, s[part], q[part])
+        q, by_forces = adjoint.q[part], adjoint.by_forces[part]
+        total += ends_of_contact(interface, active, s[part], q, by_forces)
     return total
 
 

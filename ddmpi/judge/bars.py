@@ -99,7 +99,7 @@ class Measured:
     stars : as of `Parts`
     own, square, size : `squares` of `Parts`
     straight : as of `Parts`
-    moved, rubbed : as of `ends_of_contact`
+    moved, rubbed, left : as of `ends_of_contact`
     terms : sum of the sizes of the products with contact forces of which the result is the sum; zero of others
     area : of a mean pressure, by how much the area differs from that of the smaller side, over itself
     kink, peak : of a largest value, as of `kink_of_pressure` and `kink_of_stress`
@@ -115,6 +115,7 @@ class Measured:
     straight: float = np.nan
     moved: float = np.nan
     rubbed: float = np.nan
+    left: float = np.nan
     terms: float = 0.0
     area: float = 0.0
     kink: float = 0.0
@@ -214,29 +215,50 @@ def parts_of(
 
 
 def ends_of_contact(
-    interface: Interface, active: ActiveSet, s: np.ndarray, q: np.ndarray
+    interface: Interface, active: ActiveSet, s: np.ndarray, q: np.ndarray, by_forces: np.ndarray
 ) -> np.ndarray:
-    """(2,) what is unknown of a result where the nodes of a contact change their status, as the true place of the
-    change is between two of them: the force of closed nodes moved on by a quarter of a side to open ones; and half the
-    slip bounds that do not follow the pressure, as Tresca's, at nodes beside others of another status. Not collective.
+    """(3,) what is unknown of a result at the ends of a contact's states. Not collective.
 
-    `s` (size,) are the forces (N), and q (size,) what more forces add to the result, per newton.
+    Where nodes change their status the true place is between two of them: the force of closed nodes moved on by a quarter
+    of a side to open ones. Slip bounds that do not follow the pressure, as Tresca's: half of them at nodes beside others
+    of another status, and what they have more on an arc than on its chord. And the forces of the nodes beside those that
+    clamps of both bodies leave without a row, whose part clamps bear.
+
+    Parameters
+    ----------
+    s : (size,) forces (N)
+    q, by_forces : (size,) what more forces add to the result, and what it takes of the forces themselves, per newton
     """
     law, m = interface.law, interface.m
-    if law.two_sided or not m:
-        return np.zeros(2)
-    normal, tangential = law.split(np.abs(q))
+    if not m:
+        return np.zeros(3)
     beside = sparse.csr_matrix(interface.geometry.laplacian != 0.0)
+    left = _beside_clamps(interface, s * by_forces)
+    if law.two_sided:
+        return np.array([0.0, 0.0, left])
+    normal, tangential = law.split(np.abs(q))
     slips = np.zeros(m, bool)
     slips[law.sliding] = active.slip.any(axis=1)
     status = active.closed + 2.0 * slips
     gain = beside.multiply((normal * ~active.closed)[None]).max(axis=1).toarray().ravel()
     moved = 0.25 * float(np.abs(s[:m]) @ (gain * active.closed))
     row, column = beside.nonzero()
-    ends = np.zeros(m, bool)
-    ends[row[status[row] != status[column]]] = True
-    bound = law.bound_at(0.0 * s) * ends[law.sliding]
-    return np.array([moved, 0.5 * float(bound @ magnitude(tangential))])
+    ends, turned = np.zeros((2, m))
+    ends[row[status[row] != status[column]]] = 0.5
+    turns = ((interface.normal[row] - interface.normal[column]) ** 2).sum(axis=1)
+    np.maximum.at(turned, row, turns * (turns < SHARPEST**2))
+    bound = law.bound_at(0.0 * s) * (ends + turned / 12.0)[law.sliding]
+    return np.array([moved, float(bound @ magnitude(tangential)), left])
+
+
+def _beside_clamps(interface: Interface, parts: np.ndarray) -> float:
+    """The parts (size,) of a result at as many nodes at the ends of a contact as clamps leave without a row."""
+    fixed, rim = len(interface.fixed.gap), rim_of(interface)
+    if not fixed or not len(rim):
+        return 0.0
+    each = np.zeros(interface.m)
+    np.add.at(each, interface.law.node, parts)
+    return float(np.abs(each[rim]).sum()) * min(fixed / len(rim), 1.0)
 
 
 def kink_of_pressure(state: ContactState) -> float:
@@ -263,6 +285,8 @@ def arcs_of(mesh: Mesh, group: str) -> float:
 def rim_of(interface: Interface) -> np.ndarray:
     """The rows at the ends of a contact, in space along its edges, but for those on an axis. Not collective."""
     d, facets = interface.dimension, interface.geometry.facets
+    if not len(facets):
+        return np.zeros(0, int)
     sides = np.concatenate([np.delete(facets[:, :d], k, axis=1) for k in range(d)])
     found, count = np.unique(np.sort(sides, axis=1), axis=0, return_counts=True)
     rim = np.unique(found[count == 1])
@@ -308,7 +332,7 @@ def told(
             return None, PARTIAL
     if measured.area > COVERED:
         return None, PATCHY
-    ends = measured.moved + measured.rubbed + 2.0 * abs(measured.straight)
+    ends = measured.moved + measured.rubbed + measured.left + 2.0 * abs(measured.straight)
     ends += (measured.peak + measured.area) * abs(value)
     return max(sums + ends, FLOOR * max(scale, measured.terms)), ""
 

@@ -314,7 +314,7 @@ def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str
     """The largest pressures and stresses that may have no limit on finer meshes, by the names of the results, on the
     first rank: also where the largest value does not stand at such a place yet. Collective.
 
-    In a body also corners in contact count, at which stresses depend on friction and on what the other body does.
+    In a body also corners in contacts with friction and in bonds count, at which stresses depend on the other body.
     """
     places = _places(assembly, states)
     by_body, found = _by_body(assembly, places), dict[str, bool]()
@@ -325,7 +325,8 @@ def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str
         facets, bends = boundary_of(mesh)
         touching = np.zeros(len(mesh.points), bool)
         for interface in body.member.interfaces:
-            touching[interface.rows.nodes[interface.side(name)]] = True
+            rubs = not interface.law.frictionless
+            touching[interface.rows.nodes[interface.side(name)]] |= rubs
         mirror = _held(body, facets, bends)[2]
         sharp = np.where(mirror, 2.0 * bends.turn - np.pi, bends.turn) > SHARPEST
         sharp &= touching[bends.nodes].all(axis=1)

@@ -285,10 +285,11 @@ def test_the_rule():
     """The sums times the factor of the order, with what ends of contacts, straight sides and peaks add; half of ‖e‖ ‖e_z‖
     where a resultant's dual jumps; and words."""
     force, energy = named("contacts.c.force.x"), named("bodies.b.energy")
-    sums = {"signed": -2.0, "stars": 3.0, "straight": -0.25, "moved": 0.5, "rubbed": 0.125}
+    sums = {"signed": -2.0, "stars": 3.0, "straight": -0.25}
+    sums |= {"moved": 0.25, "rubbed": 0.125, "left": 0.25}
     smooth = Measured(**sums, own=100.0, square=1.0, size=99.0)
     for order in (1, 2):
-        bar = 5.0 * FACTORS[order] + 0.5 + 0.125 + 0.5
+        bar = 5.0 * FACTORS[order] + 0.25 + 0.125 + 0.25 + 0.5
         assert told(force, order, smooth, 50.0, 50.0) == (pytest.approx(bar), "")
         assert told(energy, order, smooth, 50.0, 50.0) == (pytest.approx(bar), "")
     jumps = Measured(**sums, own=400.0, square=1.0, size=3.0)
@@ -307,7 +308,7 @@ def test_the_rule():
     assert told(stress, 1, Measured(**sums, kink=np.inf), 40.0, 40.0) == (None, LONELY)
     assert told(force, 1, Measured(word="not solved"), 1.0, 1.0) == (None, "not solved")
     none = dict.fromkeys(("signed", "stars", "own", "square", "size", "straight"), 0.0)
-    none |= {"moved": 0.0, "rubbed": 0.0}
+    none |= {"moved": 0.0, "rubbed": 0.0, "left": 0.0}
     assert told(energy, 1, Measured(**none), 0.0, 3.0) == (pytest.approx(3.0 * FLOOR), "")
     assert told(force, 1, Measured(**none, terms=5.0), 0.0, 3.0) == (pytest.approx(5.0 * FLOOR), "")
 
@@ -357,3 +358,55 @@ def test_errors_around_an_axis_are_those_against_lame(n, order):
         signed = sum(cells.sum() for cells in entry.cells.values())
         smooth = order == 1 or result.endswith("energy")
         assert 0.6 < signed / true < 2.0 or not smooth, result
+
+
+def test_what_clamps_bear_at_the_ends_of_a_contact_is_in_its_bar():
+    """Nodes that clamps of both bodies hold carry no contact force, though the continuum has pressure up to there."""
+    field = {"x": 0.0, "y": {"constant": 0.0, "y_slope": -1e-3}}
+    bodies = [
+        {
+            "name": name,
+            "mesh": rectangle([0.0, y], [1.0, 1.0], [8, 8]),
+            "material": STEEL,
+            "clamp": [{"on": "left", **field}, {"on": "right", **field}, {"on": end, **field}],
+        }
+        for name, y, end in (("upper", 1.0, "top"), ("lower", 0.0, "bottom"))
+    ]
+    contact = {"name": "c", "bodies": ["upper", "lower"], "on": ["bottom", "top"]}
+    scene = {"body": bodies, "contact": [contact | {"friction": COULOMB}]}
+    answer = ddmpi.solve(scene, overrides={"output.errors": ["contacts.c.normal_force"]})
+    entry, nu = answer.error("contacts.c.normal_force"), STEEL["poisson"]
+    exact = 1e-3 * STEEL["young"] * (1 - nu) / ((1 + nu) * (1 - 2 * nu))
+    true = exact - entry.value
+    assert true == pytest.approx(exact / 8, rel=1e-3)
+    assert true <= entry.bar * (1.0 + 1e-6)
+    assert entry.bar < 3 * true
+
+
+def test_a_slip_bound_acts_along_arcs():
+    """Tresca's friction on a polygon lacks what it has on the circle, (θ²/24) of itself, and the bar has that."""
+    turned = {
+        "x": {"constant": 0.0, "y_slope": -0.01},
+        "y": {"constant": 0.0, "x_slope": 0.01},
+    }
+    angles = {"angles": [0.0, 360.0], "center": [0.0, 0.0], "divisions": [24, 3]}
+    bodies = [
+        {
+            "name": name,
+            "mesh": {"shape": "annulus", "radii": radii} | angles,
+            "material": {"young": 1e9, "poisson": 0.3},
+            "clamp": [{"on": on, **moved}],
+        }
+        for name, radii, on, moved in (
+            ("shaft", [0.5, 1.0], "inner", {"x": 0.0, "y": 0.0}),
+            ("hub", [1.0, 1.5], "outer", turned),
+        )
+    ]
+    fit = {"name": "c", "bodies": ["shaft", "hub"], "on": ["outer", "inner"], "gap": -1e-4}
+    scene = {"body": bodies, "contact": [fit | {"friction": {"law": "tresca", "slip_bound": 5e4}}]}
+    answer = ddmpi.solve(scene, overrides={"output.errors": ["contacts.c.tangential_force"]})
+    assert answer.summary["contacts"]["c"]["stick"] == 0
+    entry = answer.error("contacts.c.tangential_force")
+    true = 2 * np.pi * 5e4 - abs(entry.value)
+    assert true > 1e-3 * abs(entry.value)
+    assert true < entry.bar < 4 * true

@@ -53,6 +53,12 @@ STUDIES = {
         1,
         0,
     ),
+    "errors": (
+        "--only rail",
+        ("| problems of the rule | ", "## Factors", "| rail | ", "| the mesh is too coarse | "),
+        1,
+        0,
+    ),
     "verification": (
         "--coarse --only cgs-1 rings",
         (

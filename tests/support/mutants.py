@@ -3362,6 +3362,20 @@ MUTANTS = [
             f"{BARS}::test_a_moment_on_straight_sides_is_told",
         ),
         (
+            "slip bounds act on chords",
+            "judge/bars",
+            "(ends + turned / 12.0)",
+            "ends",
+            f"{BARS}::test_a_slip_bound_acts_along_arcs",
+        ),
+        (
+            "clamps at the ends of a contact bear nothing",
+            "judge/bars",
+            "min(fixed / len(rim), 1.0)",
+            "0.0",
+            f"{BARS}::test_what_clamps_bear_at_the_ends_of_a_contact_is_in_its_bar",
+        ),
+        (
             "a bar without the stars",
             "judge/bars",
             "(abs(measured.signed) + measured.stars)",
