@@ -2795,8 +2795,8 @@ MUTANTS = [
         (
             "all motions are resisted",
             "judge/motions",
-            "squares - CLEAR**2 * least * np.eye(len(squares))",
-            "squares + CLEAR**2 * least * np.eye(len(squares))",
+            "squares - CLEAR ** 2 * least",
+            "squares + CLEAR ** 2 * least",
             f"{EQUILIBRIUM}::test_undetermined_motions",
         ),
         (
