@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -99,6 +100,22 @@ class Discs(Box):
 
     def scaled(self, unit: float) -> Discs:
         return Discs(self.lower / unit, self.upper / unit, self.entries, self.radius / unit)
+
+
+def product(sets: Sequence[Box]) -> Box:
+    """The points whose parts, one after the other, lie in the `sets`. Their discs have equally many components."""
+    lower, upper = (
+        np.concatenate([getattr(box, name) for box in sets]) for name in ("lower", "upper")
+    )
+    starts = np.cumsum([0, *(len(box.lower) for box in sets)])
+    discs = [
+        (box.entries + start, box.radius)
+        for box, start in zip(sets, starts, strict=False)
+        if isinstance(box, Discs)
+    ]
+    if not discs:
+        return Box(lower, upper)
+    return Discs(lower, upper, *(np.concatenate(arrays) for arrays in zip(*discs, strict=True)))
 
 
 def magnitude(vectors: np.ndarray) -> np.ndarray:

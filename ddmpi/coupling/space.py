@@ -17,6 +17,7 @@ from scipy.sparse import csgraph
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ActiveSet, Law, Tangent
 from ddmpi.scene.scene import Settled
+from ddmpi.sets import Box, Discs, product
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import in_words, norm
 
@@ -265,6 +266,12 @@ class Laws:
     def bound_at(self, s: np.ndarray) -> np.ndarray:
         """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
         return np.concatenate([law.bound_at(vector) for law, vector in self.parts(s)])
+
+    def cone(self, bound: np.ndarray) -> Box | Discs:
+        """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
+        return product(
+            [law.cone(limits) for law, limits in zip(self.laws, self.bounds(bound), strict=True)]
+        )
 
 
 def kept_by_bonds(

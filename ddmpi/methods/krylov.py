@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -158,6 +159,14 @@ class Linearised(Tangent):
     def move(self, s: np.ndarray) -> np.ndarray:
         """The change (size,) of the forces s that keeps the unknown ones and gives the others their implied values."""
         return self.expand(self.restrict(s)) + self.given - s
+
+    def frozen(self, q: np.ndarray) -> Linearised:
+        """The same with slip bounds that are fixed, those of the pressures of q = s − c r (size,)."""
+        return replace(
+            self,
+            coupling=0.0 * self.coupling,
+            given=self.given + self.coupling * np.maximum(q, 0.0)[self.source],
+        )
 
 
 class Preconditioner:

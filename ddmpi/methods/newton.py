@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -429,8 +428,7 @@ class Newton(Outer):
         space, c, (s, r, *_) = self.joint.space, self.preconditioner.c, at.point
         if at.guess:  # slip bounds do not follow guessed pressures
             active = space.laws.sticking(*self._first_guess(at))
-            linearised = Linearised.of(space.laws.linearise(active))
-            linearised = replace(linearised, coupling=0.0 * linearised.coupling)
+            linearised = Linearised.of(space.laws.linearise(active)).frozen(0.0 * s)
         else:
             active = space.laws.active_sets(s - c * r)
             linearised = Linearised.of(space.laws.linearise(active))

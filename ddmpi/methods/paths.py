@@ -190,17 +190,26 @@ class Softening(Path):
     def step(self, solve: Solve) -> None:
         point, first = self.point, not self._last_delta
         if first:  # nodes that are closed at first stick
-            active = self._laws.sticking(self._joint.first_closed()[0])
+            active, q = self._laws.sticking(self._joint.first_closed()[0]), point.s
         else:
-            active = self._laws.active_sets(self._pressed(point, self._last_delta))
+            q = self._pressed(point, self._last_delta)
+            active = self._laws.active_sets(q)
         # s = P(−r/D), linearised: r + D s = 0 along the forces that P leaves free, with D = δ/c
         linearised = Linearised.of(self._laws.linearise(active))
         layer = np.where(self._two_sided, 0.0, self._delta / self._c)
-        # friction at its bound is g q̂: across q̂ the layer gives way by D |q_t|/g = D (1 + κ)
-        move, layer = linearised.move(point.s), layer * (1.0 + linearised.spring)
-        change = solve(point, linearised, move, -layer * (point.s + move), layer)
-        self.point = point.along(change, 1.0 if first else self._length(change))
+        change = self._towards(solve, linearised, layer)
+        length = 1.0 if first else self._length(change, None)
+        if not length:  # with fixed slip bounds the energy is convex, and falls along the step
+            change = self._towards(solve, linearised.frozen(q), layer)
+            length = self._length(change, self._laws.bound_at(q)) or 1.0
+        self.point = point.along(change, length)
         self._judge(change)
+
+    def _towards(self, solve: Solve, linearised: Linearised, layer: np.ndarray) -> Point:
+        s = self.point.s
+        # friction at its bound is g q̂: across q̂ the layer gives way by D |q_t|/g = D (1 + κ)
+        change, layer = linearised.move(s), layer * (1.0 + linearised.spring)
+        return solve(self.point, linearised, change, -layer * (s + change), layer)
 
     def _pressed(self, point: Point, delta: float) -> np.ndarray:
         """q (size,) whose projection are the forces of a layer of δ = `delta`; of bonded rows s − c r."""
@@ -211,31 +220,34 @@ class Softening(Path):
             else pressed
         )
 
-    def _slopes(self, change: Point, lengths: np.ndarray) -> np.ndarray:
+    def _slopes(self, change: Point, lengths: np.ndarray, bound: np.ndarray | None) -> np.ndarray:
         """Derivatives (k,) of the energy (J) by the length of the step, at the `lengths` (k,), in one reduction.
 
         φ' = dr·(s − P(−r/D)) − dα·(e − G s): the energy of bodies and layer less the work of the loads. Bonded rows
-        stay closed.
+        stay closed. `bound` (mt,) are fixed slip bounds, None where they follow the pressure.
         """
         way, slopes = np.where(self._two_sided, 0.0, change.r), []
+        project = self._laws.project if bound is None else self._laws.cone(bound).project
         for t in lengths:
             ahead = self.point.along(change, t)
-            slopes.append(way @ (ahead.s - self._laws.project(self._pressed(ahead, self._delta))))
+            slopes.append(way @ (ahead.s - project(self._pressed(ahead, self._delta))))
         rigid = change.alpha @ self.point.left + lengths * (change.alpha @ change.left)
         return self._space.add(np.array(slopes)) - rigid
 
-    def _length(self, change: Point) -> float:
-        """The length of the step; the full one where the energy does not fall along it at first."""
+    def _length(self, change: Point, bound: np.ndarray | None) -> float:
+        """The length of the step; zero where the energy does not fall along it."""
         t = np.concatenate([[0.0], np.geomspace(SHORTEST, 1.0, LENGTHS)])
-        slopes = self._slopes(change, t)
+        slopes = self._slopes(change, t, bound)
         falls = -slopes[0]
-        if not falls > 0.0 or slopes[-1] <= SLOPE * falls:
+        if not falls > 0.0:
+            return 0.0
+        if slopes[-1] <= SLOPE * falls:
             return 1.0
         # the energy is least where its slope changes sign: refine between the two lengths around that place
         for _ in range(REFINEMENTS):
             k = max(int(np.argmax(slopes > 0.0)), 1)
             t = np.linspace(t[k - 1], t[k], CLOSER)
-            slopes = self._slopes(change, t)
+            slopes = self._slopes(change, t, bound)
             best = int(np.argmin(np.abs(slopes)))
             if abs(slopes[best]) <= ZERO * falls:
                 return float(t[best])

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from ddmpi.interface.law import CoulombLaw, Law, TrescaLaw, law_of
+from ddmpi.coupling.space import Laws
+from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw, law_of
 from ddmpi.methods.krylov import Linearised
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 
@@ -85,6 +86,17 @@ def test_settled_forces_lie_on_their_bounds(law):
         assert size[slips] == pytest.approx(law.bound_at(s)[slips])
         assert (size <= law.bound_at(s) * (1 + 1e-14)).all()
         assert law.cone(law.bound_at(s)).project(s) == pytest.approx(s)
+
+
+def test_cones_of_laws_with_boxes_and_discs():
+    """The product of cones projects each part, in the plane and in space."""
+    together = Laws(
+        [LAWS["coulomb in space"], BondedLaw(2, np.arange(2), 2), Law(3, SLIDING[:0], 2)]
+    )
+    for q in np.random.default_rng(5).standard_normal((10, together.size)):
+        found = together.cone(together.bound_at(q)).project(q)
+        assert found == pytest.approx(together.project(q))
+        assert together.cone(together.bound_at(q)).project(found) == pytest.approx(found)
 
 
 def test_a_slip_bound_is_a_stress_and_a_coefficient_a_number():

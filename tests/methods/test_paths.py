@@ -50,7 +50,7 @@ def test_the_slope_along_a_step_is_that_of_the_energy(delta):
     path.point = Point(s, joint.C @ s - joint.d, joint.e, joint.e)
     change = Point(ds, joint.C @ ds, joint.e, joint.e)
     t, h = np.array([0.0, 0.3, 1.0]), 1e-5
-    slopes = path._slopes(change, t)
+    slopes = path._slopes(change, t, None)
     before, after = (
         [energy(path, path.point.along(change, x + step)) for x in t] for step in (-h, h)
     )
@@ -58,7 +58,7 @@ def test_the_slope_along_a_step_is_that_of_the_energy(delta):
 
 
 def test_a_step_ends_where_the_energy_is_least():
-    """The full step where the energy still falls there or hardly rises, or does not fall at the start."""
+    """The full step where the energy still falls there or hardly rises; none where it does not fall at the start."""
     joint = random_joint(5, coefficient=0.0)
     path, rng = (
         Softening(joint, np.full(joint.size, 0.5), np.zeros(joint.size)),
@@ -70,16 +70,16 @@ def test_a_step_ends_where_the_energy_is_least():
     for far in (1e-6, 1e-3, 1.0, 1e2, 1e5):
         ds = far * rng.standard_normal(joint.size)
         change = Point(ds, joint.C @ ds, joint.e, joint.e)
-        start, end = path._slopes(change, np.array([0.0, 1.0]))
-        length = path._length(change)
+        start, end = path._slopes(change, np.array([0.0, 1.0]), None)
+        length = path._length(change, None)
         if start >= 0.0:
-            assert length == 1.0
+            assert length == 0.0
             back = Point(*(-each for each in change))
-            change, start, end = back, *path._slopes(back, np.array([0.0, 1.0]))
-            length = path._length(back)
+            change, start, end = back, *path._slopes(back, np.array([0.0, 1.0]), None)
+            length = path._length(back, None)
         assert (length == 1.0) == (end <= 0.5 * -start)
         if length < 1.0:
-            (there,) = path._slopes(change, np.array([length]))
+            (there,) = path._slopes(change, np.array([length]), None)
             assert abs(there) <= 0.1 * -start
         found.append(length)
     assert min(found) < 1e-2 and max(found) == 1.0

@@ -836,6 +836,36 @@ ASKED = [
         "output.only=contacts",
     ),
     Bound(
+        "output.errors: there is no result 'contacts.upper-lower.normal_forces'",
+        "plane",
+        "output.errors=[contacts.upper-lower.normal_forces]",
+        "output.errors=[contacts.upper-lower.normal_force]",
+    ),
+    Bound(
+        "stands there 2 times",
+        "plane",
+        "output.errors=[bodies.upper.displacement_max, bodies.upper.displacement_max]",
+        "output.errors=[bodies.upper.displacement_max, bodies.lower.displacement_max]",
+    ),
+    Bound(
+        "output.errors: 'bodies.upper.von_mises_max' asks for stresses",
+        "plane",
+        ["output.stress=false", "output.errors=[bodies.upper.von_mises_max]"],
+        ["output.stress=false", "output.errors=[bodies.upper.displacement_max]"],
+    ),
+    Bound(
+        'output.errors: need outer = "newton", not "',
+        "plane",
+        ["method.outer=published", "output.errors=main"],
+        "output.errors=main",
+    ),
+    Bound(
+        'output.errors: there are none with time.motions = "far"',
+        "far",
+        "output.errors=main",
+        "output.error=false",
+    ),
+    Bound(
         "asks for stresses; drop stress = false",
         "steps",
         ["output.stress=false", "output.animation=von_mises"],

@@ -2562,7 +2562,7 @@ MUTANTS = [
         (
             "full steps on every path",
             "methods/paths",
-            "if not falls > 0.0 or slopes[-1] <= SLOPE * falls:",
+            "if slopes[-1] <= SLOPE * falls:",
             "if True:",
             "methods/test_paths.py::test_a_step_ends_where_the_energy_is_least",
         ),
