@@ -132,7 +132,10 @@ bodies = ["upper", "lower"]
 on = ["bottom", "top"]
 """
 
-SCENES = {"plane": PLANE, "steps": STEPS, "far": FAR, "space": SPACE, "axis": AXIS}
+PAIR = PLANE[: PLANE.index("[[rigid]]")] + "".join(PLANE.partition("[[contact]]")[1:])
+PAIR = PAIR[: PAIR.rindex("[[contact]]")]
+
+SCENES = {"plane": PLANE, "pair": PAIR, "steps": STEPS, "far": FAR, "space": SPACE, "axis": AXIS}
 
 
 class Bound(NamedTuple):
@@ -838,25 +841,31 @@ ASKED = [
     Bound(
         "output.errors: there is no result 'contacts.upper-lower.normal_forces'",
         "plane",
-        "output.errors=[contacts.upper-lower.normal_forces]",
-        "output.errors=[contacts.upper-lower.normal_force]",
+        "output.errors=['contacts.upper-lower.normal_forces']",
+        "output.errors=['contacts.upper-lower.normal_force']",
     ),
     Bound(
         "stands there 2 times",
         "plane",
-        "output.errors=[bodies.upper.displacement_max, bodies.upper.displacement_max]",
-        "output.errors=[bodies.upper.displacement_max, bodies.lower.displacement_max]",
+        "output.errors=['bodies.upper.displacement_max', 'bodies.upper.displacement_max']",
+        "output.errors=['bodies.upper.displacement_max', 'bodies.lower.displacement_max']",
     ),
     Bound(
         "output.errors: 'bodies.upper.von_mises_max' asks for stresses",
         "plane",
-        ["output.stress=false", "output.errors=[bodies.upper.von_mises_max]"],
-        ["output.stress=false", "output.errors=[bodies.upper.displacement_max]"],
+        ["output.stress=false", "output.errors=['bodies.upper.von_mises_max']"],
+        ["output.stress=false", "output.errors=['bodies.upper.displacement_max']"],
     ),
     Bound(
-        'output.errors: need outer = "newton", not "',
+        'errors need the fields that only = "contacts" leaves out',
         "plane",
-        ["method.outer=published", "output.errors=main"],
+        ["output.only=contacts", "output.errors=main"],
+        "output.errors=main",
+    ),
+    Bound(
+        'output.errors: need outer = "newton", not "anderson"',
+        "pair",
+        ["method.outer=anderson", "output.errors=main"],
         "output.errors=main",
     ),
     Bound(
@@ -866,7 +875,7 @@ ASKED = [
         "output.error=false",
     ),
     Bound(
-        "asks for stresses; drop stress = false",
+        'animation = "von_mises" asks for stresses; drop stress = false',
         "steps",
         ["output.stress=false", "output.animation=von_mises"],
         ["output.stress=true", "output.animation=von_mises"],
