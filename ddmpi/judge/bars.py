@@ -263,10 +263,11 @@ def _beside_clamps(interface: Interface, parts: np.ndarray) -> float:
 
 def kink_of_pressure(state: ContactState) -> float:
     """How far the largest pressure of a contact is from the mean at the nearest nodes, over itself and what is allowed;
-    infinite where one node carries all. Not collective."""
+    infinite where one node carries all, and above one where none does. Not collective."""
     pressure, interface = np.nan_to_num(state.pressure), state.interface
-    if np.count_nonzero(pressure) < 2:
-        return np.inf
+    bears = np.count_nonzero(pressure)
+    if bears < 2:
+        return np.inf if bears else 2.0
     at, xy = int(pressure.argmax()), interface.xy
     away = np.linalg.norm(xy - xy[at], axis=1)
     near = np.argsort(away, kind="stable")[1 : 2 * interface.dimension - 1]

@@ -268,6 +268,7 @@ def test_a_peak_is_resolved_if_it_is_near_its_neighbours():
     assert kink_of_pressure(state([10.0, 9.5, 9.5, 9.0])) == pytest.approx(0.05 / 0.04)
     assert kink_of_pressure(state([10.0, 9.5, 9.5, 9.0], around=True)) == pytest.approx(1 / 3)
     assert np.isinf(kink_of_pressure(state([0.0, 3.0, 0.0])))
+    assert 1.0 < kink_of_pressure(state([0.0, 0.0, 0.0])) < np.inf
 
 
 def test_a_stress_is_resolved_if_it_is_near_that_of_the_cells_beside_and_of_the_nodes():

@@ -1,0 +1,313 @@
+"""Are the errors true that are told of results?
+
+All results of the scenes of error_scenes.py, on which the rule was made, and of the verification problems, which it had
+not seen, are compared with those of a much finer quadratic mesh: how many bars cover the truth, how wide they are, and
+which words were needless. Each problem is also judged by factors that fit the others alone. It writes
+docs/tables/errors.md, and takes a quarter of an hour; an interrupted study goes on.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+import problems
+import problems.around_axis
+import problems.curved
+import problems.flat
+import problems.moving
+import problems.solids
+import problems.supports
+from error_scenes import PROBLEMS
+from experiment import Ledger, Row, arguments, publish, table
+from mpi4py import MPI
+
+import ddmpi
+from ddmpi.derive.errors import measure_errors
+from ddmpi.errors import DdmpiError
+from ddmpi.judge.bars import COVERED, FACTORS, JUMP, RESULTANTS, SHARE, Measured
+from ddmpi.judge.edges import unbounded
+from ddmpi.methods.newton import Newton
+from ddmpi.results.summary import errors_of, quantity_of, value_of
+from ddmpi.run.answer import Answer
+from ddmpi.scene.results import ERRORS, POINT, named, results
+
+MADE, NEW = "rule", "new"
+KNOWN = 2.0
+"""A truth is known if it differs from the value by more than this times what the finest answer may be wrong by."""
+
+NEGLIGIBLE, STATIC = 1e-5, 1e-6
+"""Errors over the largest number of the same quantity that are not compared, and below which a number is given by
+statics."""
+
+NEEDLESS = 0.1
+"""A word is needless if the bar without it covers the truth and is below this part of the value."""
+
+FIT = 0.97
+"""The part of the other problems' numbers that fitted factors cover."""
+
+KINDS = {
+    "moment": "moment",
+    "pressure_max": "pressure",
+    "von_mises_max": "stress",
+    "displacement": "displacement",
+    "displacement_max": "displacement",
+    "energy": "energy",
+    "dissipated": "energy",
+}
+
+
+def made(name: str) -> Iterator[tuple[str, Callable[[], Answer | None]]]:
+    """The answers of a problem of the rule by their meshes; the truth is last."""
+    scene, meshes, _ = PROBLEMS[name]
+    for mesh in meshes:
+        yield (
+            " ".join(map(str, mesh)),
+            lambda mesh=mesh: ddmpi.solve(scene(*mesh), overrides={"method.tolerance": 1e-9}),
+        )
+
+
+def new(name: str) -> Iterator[tuple[str, Callable[[], Answer | None]]]:
+    """The answers of a verification problem by their meshes; the truth is last."""
+    its = problems.PROBLEMS[name]
+    orders = [order for order in (1, 2) if order in its.orders]
+    runs = [(n, order) for order in orders for n in its.meshes[:2]]
+    fine = its.meshes[-1] * (1 if its.in_space else 2)
+
+    def solve(n: int, order: int) -> Answer | None:
+        with tempfile.TemporaryDirectory() as folder:
+            return its.measure(n, order, Path(folder)).answer
+
+    for n, order in [*dict.fromkeys(runs), (fine, 2)]:
+        yield f"{n} {order} 0", lambda n=n, order=order: solve(n, order)
+
+
+STUDIED = {MADE: (made, PROBLEMS), NEW: (new, problems.PROBLEMS)}
+
+
+def numbers_of(answer: Answer | None, only: Sequence[str]) -> list[dict]:
+    """What is told of all results of an answer; none where it has no errors."""
+    if answer is None or not answer.certified or answer.solved is None:
+        return []
+    assembly, solution = answer.solved.assembly, answer.solved.solution
+    scene, summary = assembly.scene, answer.summary
+    if scene.far or scene.output.only or not isinstance(solution.outer, Newton):
+        return []
+    points = {f"{POINT.format(body.name)}.{axis}" for body in scene.body for axis in "xyz"}
+    wanted = [
+        result
+        for result in results(scene, ERRORS)
+        if result not in points
+        and (not only or named(result).name in only)
+        and value_of(summary, result) is not None
+    ]
+    factors = scene.factors(1.0 if solution.time is None else solution.time)
+    measured = measure_errors(assembly, solution.outer, solution, wanted, factors)
+    infinite = unbounded(assembly.in_world(), solution.states)
+    entries = errors_of(summary, measured, infinite)
+    scales = largest(summary, wanted)
+    return [
+        parts(result, measured[result], entry, summary["order"], scales[quantity_of(result)])
+        for result, entry in entries.items()
+    ]
+
+
+def largest(summary: dict, wanted: Iterable[str]) -> dict[str, float]:
+    """The largest number of each quantity."""
+    scales = Counter[str]()
+    for result in wanted:
+        value = abs(value_of(summary, result) or 0.0)
+        scales[quantity_of(result)] = max(scales[quantity_of(result)], value)
+    return scales
+
+
+def parts(result: str, one: Measured, entry: dict, order: int, scale: float) -> dict:
+    """A row of a number: what its bar is made of, also where a word stands."""
+    value, resultant = entry["value"], named(result).what in RESULTANTS
+    peaks = (one.peak + min(one.area, COVERED)) * abs(value)
+    return {
+        "result": result,
+        "value": value,
+        "order": order,
+        "bar": entry["bar"],
+        "word": entry["word"],
+        "scale": scale,
+        "sums": abs(one.signed) + one.stars,
+        "least": SHARE * one.schwarz if resultant and one.delta > JUMP else 0.0,
+        "ends": one.moved + one.rubbed + one.left + 2.0 * abs(one.straight) + peaks,
+        "unsure": max(abs(one.signed), one.stars / 3.0) + one.peak * abs(value) / 3.0,
+    }
+
+
+def compared(rows: Sequence[Row], which: str) -> list[dict]:
+    """All numbers of a set of problems beside their truths; of equal ones of a run the first."""
+    found = []
+    for name in STUDIED[which][1]:
+        runs = [json.loads(row["numbers"]) for row in rows if row["problem"] == f"{which} {name}"]
+        truths = {one["result"]: one for one in (runs[-1] if runs else ())}
+        for numbers in runs[:-1]:
+            seen = set()
+            for one in numbers:
+                if one["result"] not in truths:
+                    continue
+                truth = truths[one["result"]]
+                what = named(one["result"]).what
+                one |= {"problem": name, "kind": KINDS.get(what, "force")}
+                one["scale"] = max(truth["scale"], np.finfo(float).tiny)
+                one["true"] = truth["value"] - one["value"]
+                same = (
+                    one["kind"],
+                    *(f"{abs(one[k]) / one['scale']:.6f}" for k in ("value", "true")),
+                )
+                if same in seen:
+                    continue
+                seen.add(same)
+                size = abs(one["true"])
+                one["known"] = size > max(KNOWN * truth["unsure"], NEGLIGIBLE * one["scale"])
+                bare = np.nan_to_num(made_of(one, FACTORS), nan=np.inf)
+                covers = bare + truth["unsure"] >= size and bare < NEEDLESS * abs(one["value"])
+                one["needless"] = bool(one["word"]) and bool(covers)
+                found.append(one)
+    return found
+
+
+def made_of(one: dict, factors: Mapping[int, float]) -> float:
+    """The bar of a number by these factors, also where a word stands in its place."""
+    return max(factors[one["order"]] * one["sums"], one["least"]) + one["ends"]
+
+
+def ratio(one: dict, factors: Mapping[int, float] | None = None) -> float:
+    """A bar over the true error, by these factors."""
+    bar = made_of(one, factors) if factors else one["bar"]
+    return bar / abs(one["true"])
+
+
+def fitted(numbers: Iterable[dict]) -> dict[int, float]:
+    """The least factors with which the bars of the numbers cover the part FIT, by order."""
+    wanted: dict[int, list[float]] = {1: [], 2: []}
+    for one in numbers:
+        left = abs(one["true"]) - one["ends"]
+        enough = left <= one["least"] or not one["sums"]
+        wanted[one["order"]].append(0.0 if enough else left / one["sums"])
+    return {order: float(np.quantile(each or [0.0], FIT)) for order, each in wanted.items()}
+
+
+def told_of(numbers: Sequence[dict]) -> list[dict]:
+    """The numbers with bars and a known truth."""
+    return [one for one in numbers if one["known"] and one["bar"] is not None]
+
+
+def line(title: object, numbers: Sequence[dict], ratios: Sequence[float] | None = None) -> list:
+    """A line of a table."""
+    shown = told_of(numbers)
+    q = np.array([ratio(one) for one in shown] if ratios is None else ratios)
+    words = sum(bool(one["word"]) for one in numbers)
+    needless = sum(one["needless"] for one in numbers)
+    share = [f"{100 * k / max(len(numbers), 1):.0f} %" for k in (words, needless)]
+    if not len(q):
+        return [title, len(numbers), *share, 0, "–", "–", "–"]
+    middle, wide = np.quantile(q, [0.5, 0.9])
+    covered = f"{100 * np.mean(q >= 1.0):.1f} %"
+    return [title, len(numbers), *share, len(q), covered, f"{middle:.1f}", f"{wide:.0f}"]
+
+
+HEAD = ["numbers", "with words", "needless", "known, with bars", "covered", "median", "90 %"]
+
+
+def by_others(numbers: Sequence[dict]) -> tuple[list[float], list[dict[int, float]]]:
+    """The ratios of each problem by the factors that fit the others, and these factors."""
+    shown, ratios, factors = told_of(numbers), list[float](), list[dict[int, float]]()
+    for name in dict.fromkeys(one["problem"] for one in shown):
+        fit = fitted(one for one in shown if one["problem"] != name)
+        factors.append(fit)
+        ratios += [ratio(one, fit) for one in shown if one["problem"] == name]
+    return ratios, factors
+
+
+def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
+    """The tables of the page."""
+    sets = {which: compared(rows, which) for which in STUDIED}
+    titles = {MADE: "problems of the rule", NEW: "new problems"}
+    ratios, factors = by_others(sets[MADE])
+    overview = [line(titles[which], sets[which]) for which in STUDIED]
+    overview.insert(1, line("the same, by factors of the others", sets[MADE], ratios))
+    found = [
+        [
+            order,
+            FACTORS[order],
+            *(f"{end([fit[order] for fit in factors]):.2f}" for end in (min, max)),
+        ]
+        for order in (1, 2)
+    ]
+    kinds = [
+        line(f"{kind}, order {order}, {titles[which]}", some)
+        for kind in dict.fromkeys(["force", *KINDS.values()])
+        for order in (1, 2)
+        for which in STUDIED
+        if (some := [one for one in sets[which] if one["kind"] == kind and one["order"] == order])
+    ]
+    single = [
+        line(name, [one for one in numbers if one["problem"] == name])
+        for numbers in sets.values()
+        for name in dict.fromkeys(one["problem"] for one in numbers)
+    ]
+    words = Counter(
+        (one["word"], one["needless"]) for each in sets.values() for one in each if one["word"]
+    )
+    kinds_of_words = [
+        [word, words[word, False] + words[word, True], words[word, True]]
+        for word in dict.fromkeys(word for word, _ in words)
+    ]
+    return {
+        "": table(["", *HEAD], overview),
+        "Factors": table(["order", "factor", "least of the others", "largest"], found),
+        "Kinds": table(["kind", *HEAD], kinds),
+        "Words": table(["word", "numbers", "needless"], kinds_of_words),
+        "Problems": table(["problem", *HEAD], single),
+    }
+
+
+def main() -> None:
+    parser = arguments(__doc__, "errors")
+    every = [f"{which} {name}" for which, (_, names) in STUDIED.items() for name in names]
+    parser.add_argument("--only", nargs="+", metavar="NAME", help="of the problems, such as boxes")
+    parser.add_argument("--missed", action="store_true", help="print the bars that do not cover")
+    options = parser.parse_args()
+    logging.getLogger("ddmpi").setLevel(logging.ERROR)
+    chosen = [one for one in every if not options.only or one.split()[1] in options.only]
+    ledger = Ledger(
+        MPI.COMM_WORLD, options.output / "errors.csv", ("problem", "mesh"), ("numbers",)
+    )
+    runs = {}
+    for one in chosen:
+        which, name = one.split()
+        runs |= {(one, mesh): solve for mesh, solve in STUDIED[which][0](name)}
+
+    def measure(problem: str, mesh: str) -> Row:
+        which, name = problem.split()
+        only = PROBLEMS[name].only if which == MADE else ()
+        before = [row["numbers"] for row in ledger.rows if row["problem"] == problem]
+        if "[]" in before[:1]:  # far motions, and other methods, have none
+            return {"numbers": "[]"}
+        try:
+            numbers = numbers_of(runs[problem, mesh](), only)
+        except DdmpiError:
+            numbers = []
+        return {"numbers": json.dumps(numbers)}
+
+    rows = [row for row in ledger.fill(runs, measure) if (row["problem"], row["mesh"]) in runs]
+    for which in STUDIED if options.missed else ():
+        for one in sorted(told_of(compared(rows, which)), key=ratio):
+            if ratio(one) < 1.0:
+                told = {key: one[key] for key in ("value", "true", "bar", "sums", "ends", "order")}
+                print(f"{ratio(one):.2f} {which} {one['problem']} {one['result']} {told}")
+    publish("errors.md", pages(rows), options.output, complete=len(chosen) == len(every))
+
+
+if __name__ == "__main__":
+    main()
