@@ -18,7 +18,7 @@ from ddmpi.errors import InputError, naming
 from ddmpi.interface.rows import holds_along
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.build import build_mesh, content
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.refine import Sizes
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import SettledContact
@@ -126,7 +126,14 @@ def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
         build({})  # which says where
         raise
     shift, where = part.shift, (kept.key("shape", spec.name), part.shift)
-    return kept.get("mesh", spec.name, where, lambda: mesh.shifted(shift) if shift else mesh)
+
+    def place() -> Mesh:
+        placed = mesh.shifted(shift) if shift else mesh
+        if shift and not signed_measures(placed.points, placed.triangles).min() > 0.0:
+            build({})  # which says that so far away its cells have no area
+        return placed
+
+    return kept.get("mesh", spec.name, where, place)
 
 
 def _assemble(part: Part, kept: Kept) -> Elasticity:
