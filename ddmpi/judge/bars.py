@@ -67,6 +67,9 @@ RUBS = 3
 COVERED = 0.01
 """By how much the area of a contact's nodes may differ from that of the smaller side for a mean pressure to be told."""
 
+ROUNDED = 60.0
+"""See `ends_of_contact`."""
+
 FLOOR = 1e-5
 """Least bar, over the largest number of the same quantity: the certificate promises no more."""
 
@@ -99,7 +102,7 @@ class Measured:
     stars : as of `Parts`
     own, square, size : `squares` of `Parts`
     straight : as of `Parts`
-    moved, rubbed, left : as of `ends_of_contact`
+    moved, rubbed, left, rounded : as of `ends_of_contact`
     terms : sum of the sizes of the products with contact forces of which the result is the sum; zero of others
     area : of a mean pressure, by how much the area differs from that of the smaller side, over itself
     kink, peak : of a largest value, as of `kink_of_pressure` and `kink_of_stress`
@@ -116,6 +119,7 @@ class Measured:
     moved: float = np.nan
     rubbed: float = np.nan
     left: float = np.nan
+    rounded: float = 0.0
     terms: float = 0.0
     area: float = 0.0
     kink: float = 0.0
@@ -215,40 +219,55 @@ def parts_of(
 
 
 def ends_of_contact(
-    interface: Interface, active: ActiveSet, s: np.ndarray, q: np.ndarray, by_forces: np.ndarray
+    interface: Interface,
+    active: ActiveSet,
+    s: np.ndarray,
+    q: np.ndarray,
+    by_forces: np.ndarray,
+    by_gaps: np.ndarray,
 ) -> np.ndarray:
-    """(3,) what is unknown of a result at the ends of a contact's states. Not collective.
+    """(4,) what is unknown of a result at the ends of a contact's states. Not collective.
 
     Where nodes change their status the true place is between two of them: the force of closed nodes moved on by a quarter
     of a side to open ones. Slip bounds that do not follow the pressure, as Tresca's: half of them at nodes beside others
     of another status, and what they have more on an arc than on its chord. And the forces of the nodes beside those that
-    clamps of both bodies leave without a row, whose part clamps bear.
+    clamps of both bodies leave without a row, whose part clamps bear. Gaps between curved sides of quadratic elements are
+    off: a parabola through three points of a circle, by the angle φ from one to the next one at the distance h, is off by
+    h φ³/60 in the mean, and by up to h φ³/32; that of both sides, which need not be alike, counts as h φ³/`ROUNDED`, with
+    φ = h over the radius of curvature.
 
     Parameters
     ----------
     s : (size,) forces (N)
     q, by_forces : (size,) what more forces add to the result, and what it takes of the forces themselves, per newton
+    by_gaps : (size,) the derivatives of the result by gaps; zero where gaps are right: those of linear elements are of arcs
     """
     law, m = interface.law, interface.m
     if not m:
-        return np.zeros(3)
+        return np.zeros(4)
     beside = sparse.csr_matrix(interface.geometry.laplacian != 0.0)
+    row, column = beside.nonzero()
+    turns = ((interface.normal[row] - interface.normal[column]) ** 2).sum(axis=1)
+    turned = np.zeros(m)
+    np.maximum.at(turned, row, turns * (turns < SHARPEST**2))
+    apart = ((interface.xy[row] - interface.xy[column]) ** 2).sum(axis=1)
+    bent = np.zeros(m)  # squared curvatures
+    np.maximum.at(bent, row, turns * (turns < SHARPEST**2) / np.where(apart, apart, np.inf))
+    off = bent**1.5 * interface.spacing**4 / ROUNDED
+    rounded = float(np.abs(by_gaps[:m]) @ off)
     left = _beside_clamps(interface, s * by_forces)
     if law.two_sided:
-        return np.array([0.0, 0.0, left])
+        return np.array([0.0, 0.0, left, rounded])
     normal, tangential = law.split(np.abs(q))
     slips = np.zeros(m, bool)
     slips[law.sliding] = active.slip.any(axis=1)
     status = active.closed + 2.0 * slips
     gain = beside.multiply((normal * ~active.closed)[None]).max(axis=1).toarray().ravel()
     moved = 0.25 * float(np.abs(s[:m]) @ (gain * active.closed))
-    row, column = beside.nonzero()
-    ends, turned = np.zeros((2, m))
+    ends = np.zeros(m)
     ends[row[status[row] != status[column]]] = 0.5
-    turns = ((interface.normal[row] - interface.normal[column]) ** 2).sum(axis=1)
-    np.maximum.at(turned, row, turns * (turns < SHARPEST**2))
     bound = law.bound_at(0.0 * s) * (ends + turned / 12.0)[law.sliding]
-    return np.array([moved, float(bound @ magnitude(tangential)), left])
+    return np.array([moved, float(bound @ magnitude(tangential)), left, rounded])
 
 
 def _beside_clamps(interface: Interface, parts: np.ndarray) -> float:
@@ -333,7 +352,13 @@ def told(
             return None, PARTIAL
     if measured.area > COVERED:
         return None, PATCHY
-    ends = measured.moved + measured.rubbed + measured.left + 2.0 * abs(measured.straight)
+    ends = (
+        measured.moved
+        + measured.rubbed
+        + measured.left
+        + measured.rounded
+        + 2.0 * abs(measured.straight)
+    )
     ends += (measured.peak + measured.area) * abs(value)
     return max(sums + ends, FLOOR * max(scale, measured.terms)), ""
 

@@ -342,6 +342,13 @@ MUTANTS = [
             "judge/test_edges.py::test_corners_on_planes_of_symmetry_are_none",
         ),
         (
+            "gaps between parabolas are those of circles",
+            "judge/bars",
+            "rounded = float(np.abs(by_gaps[:m]) @ off)",
+            "rounded = 0.0 * float(np.abs(by_gaps[:m]) @ off)",
+            "judge/test_bars.py::test_an_overlap_that_meshes_have_is_as_true_as_their_sides",
+        ),
+        (
             "held motions in the order of their resistance",
             "run/held",
             "told = sorted(told[:-1], key=lambda one: (order.index(one.body), one.motion))",
