@@ -41,6 +41,9 @@ to 2 %, and a number costs a quarter of what it does at 1e-4."""
 SUMS = ("signed", "stars", "own", "square", "size", "straight", "moved", "rubbed", "left", "terms")
 """What of `Measured` are sums over bodies and contacts."""
 
+OF_STRAINS = ("von_mises_max", "energy")
+"""Results that no rigid motion changes, so that their derivatives by motions are rounding."""
+
 TOGETHER = 8
 """How many results share a recovery of stresses, whose arrays grow with their number."""
 
@@ -80,8 +83,8 @@ def _together(
             vague = isinstance(error, VagueError)
             found[result] = Measured(word=UNDETERMINED if vague else UNSOLVED)
             continue
-        held = assembly.joint.stays.held
-        if norm(held.T @ adjoint.along) > CLEAR * norm(adjoint.along):
+        held, along = assembly.joint.stays.held, adjoint.along
+        if one.what not in OF_STRAINS and norm(held.T @ along) > CLEAR * norm(along):
             found[result] = Measured(word=UNDETERMINED)
             continue
         adjoints[result] = adjoint
