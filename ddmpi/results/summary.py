@@ -16,6 +16,7 @@ from ddmpi.judge.bars import (
     LARGEST,
     LOCKED,
     STEPPED,
+    UNCERTIFIED,
     UNDETERMINED,
     Measured,
     told,
@@ -148,7 +149,8 @@ def errors_of(
     error, found = summary["discretization_error"]["energy_norm"], {}
     for result, known in measured.items():
         value, bar = value_of(summary, result), None
-        word = _instead(summary, result, error) or ENDLESS * (result in unbounded)
+        doubt = UNCERTIFIED if known.word == UNCERTIFIED else _instead(summary, result, error)
+        word = doubt or ENDLESS * (result in unbounded)
         if value is None:
             word = word or UNDETERMINED
         elif not word:

@@ -3567,6 +3567,20 @@ MUTANTS = [
             "run/test_contacts_alone.py::test_a_drawn_body_needs_no_estimate_without_a_target",
         ),
         (
+            "energies of bodies whose motions are held are not determined",
+            "derive/errors",
+            "one.what not in OF_STRAINS and",
+            "True and",
+            "judge/test_bars.py::test_what_no_motion_changes_is_determined_where_motions_are_held",
+        ),
+        (
+            "stresses of uncertified answers grow with finer meshes",
+            "results/summary",
+            "UNCERTIFIED if known.word == UNCERTIFIED else",
+            "UNCERTIFIED if False else",
+            "run/test_errors.py::test_an_answer_that_is_not_certified_has_words",
+        ),
+        (
             "a soft punch has an infinite pressure",
             "judge/edges",
             "sharp and alpha > SOFT",
