@@ -13,6 +13,7 @@ from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.bars import (
     COARSE,
     ENDLESS,
+    FLOOR,
     LARGEST,
     LOCKED,
     STEPPED,
@@ -153,8 +154,13 @@ def errors_of(
         word = doubt or ENDLESS * (result in unbounded)
         if value is None:
             word = word or UNDETERMINED
-        elif not word:
-            bar, word = told(named(result), order, known, value, scales[quantity_of(result)])
+        elif word in ("", COARSE, LOCKED):
+            scale = scales[quantity_of(result)]
+            bar, why = told(named(result), order, known, value, scale)
+            # statics alone gives it, on any mesh: its dual has no strain, and no contact is open altogether
+            given = bar is not None and bar <= FLOOR * max(scale, known.terms)
+            given = given and (known.terms > 0.0 or not summary["contacts"])
+            bar, word = (bar, why) if given or not word else (None, word)
         found[result] = {"value": value, "bar": bar, "word": word, "half": None}
     return found
 

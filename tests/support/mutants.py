@@ -3581,6 +3581,20 @@ MUTANTS = [
             "run/test_errors.py::test_an_answer_that_is_not_certified_has_words",
         ),
         (
+            "coarse meshes know no statics",
+            "results/summary",
+            "if given or not word else",
+            "if not word else",
+            "run/test_errors.py::test_forces_that_statics_gives_have_a_bar_on_any_mesh",
+        ),
+        (
+            "all that has a bar is given by statics",
+            "results/summary",
+            "given = bar is not None and bar <= FLOOR * max(scale, known.terms)",
+            "given = bar is not None",
+            "run/test_errors.py::test_forces_that_statics_gives_have_a_bar_on_any_mesh",
+        ),
+        (
             "a soft punch has an infinite pressure",
             "judge/edges",
             "sharp and alpha > SOFT",
