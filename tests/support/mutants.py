@@ -3595,6 +3595,20 @@ MUTANTS = [
             "run/test_errors.py::test_forces_that_statics_gives_have_a_bar_on_any_mesh",
         ),
         (
+            "flush bonds of like bodies have corners",
+            "judge/edges",
+            "sharp &= ~np.array(known)[bends.nodes].all(axis=1)",
+            "pass",
+            "judge/test_edges.py::test_a_bar_that_a_bond_cuts_has_no_corner_there",
+        ),
+        (
+            "flat ends on the axis are corners",
+            "judge/edges",
+            "mirror |= mesh.on_axis[bends.nodes].all(axis=1)",
+            "pass",
+            "judge/test_edges.py::test_a_bar_that_a_bond_cuts_has_no_corner_there",
+        ),
+        (
             "a soft punch has an infinite pressure",
             "judge/edges",
             "sharp and alpha > SOFT",
