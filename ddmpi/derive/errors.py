@@ -53,6 +53,9 @@ SUMS = (
 )
 """What of `Measured` are sums over bodies and contacts."""
 
+OF_STRAINS = ("von_mises_max", "energy")
+"""Results that no rigid motion changes, so that their derivatives by motions are rounding."""
+
 TOGETHER = 8
 """How many results share a recovery of stresses, whose arrays grow with their number."""
 
@@ -92,8 +95,8 @@ def _together(
             vague = isinstance(error, VagueError)
             found[result] = Measured(word=UNDETERMINED if vague else UNSOLVED)
             continue
-        held = assembly.joint.stays.held
-        if norm(held.T @ adjoint.along) > CLEAR * norm(adjoint.along):
+        held, along = assembly.joint.stays.held, adjoint.along
+        if one.what not in OF_STRAINS and norm(held.T @ along) > CLEAR * norm(along):
             found[result] = Measured(word=UNDETERMINED)
             continue
         adjoints[result] = adjoint

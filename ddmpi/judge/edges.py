@@ -60,10 +60,12 @@ class Ends(NamedTuple):
 
 
 class Singular(NamedTuple):
-    """Where a contact's stresses are infinite: (k, d) places (m), and what is there, in words."""
+    """Where a contact's stresses are infinite: (k, d) places (m), and what is there, in words; and (j, d) ends of bonds
+    where they are finite."""
 
     places: np.ndarray
     what: list[str]
+    finite: np.ndarray
 
 
 def boundary_of(mesh: Mesh) -> tuple[np.ndarray, Creases]:
@@ -200,7 +202,7 @@ def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]
     bearing = bears[interface.lines.row]
     rows, acting = interface.lines.row[bearing], interface.lines.acting[bearing]
     reach = reaches(interface)[rows]
-    at = []
+    at, finite = [], list[np.ndarray]()
     sides = np.concatenate([one.sides[np.isfinite(one.angles)] for one in ends])
     for side in np.unique(sides, axis=0):
         place = side.mean(axis=0)
@@ -210,11 +212,16 @@ def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]
         k = int(distance.argmin())
         normal, near = interface.normal[rows[k]], FLUSH * reach[k]
         angles = np.array([_angle(one, place, normal, near) for one in ends])
-        if np.isfinite(angles).all() and (what := _what(bonded, angles, ends, interface)):
+        if not np.isfinite(angles).all():
+            continue
+        if what := _what(bonded, angles, ends, interface):
             at += [(end, what) for end in np.unique(side, axis=0)]
+        elif bonded and len(ends) == 2 and np.isfinite(mismatch(ends)):
+            finite += [*side]
     return Singular(
         np.array([place for place, _ in at]).reshape(-1, interface.dimension),
         [what for _, what in at],
+        np.array(finite).reshape(-1, interface.dimension),
     )
 
 
@@ -314,7 +321,7 @@ def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str
     """The largest pressures and stresses that may have no limit on finer meshes, by the names of the results, on the
     first rank: also where the largest value does not stand at such a place yet. Collective.
 
-    In a body also corners in contacts with friction and in bonds count, at which stresses depend on the other body.
+    In a body also corners in contacts with friction count, and in bonds where the other body's angle is not known.
     """
     places = _places(assembly, states)
     by_body, found = _by_body(assembly, places), dict[str, bool]()
@@ -328,8 +335,13 @@ def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str
             rubs = not interface.law.frictionless
             touching[interface.rows.nodes[interface.side(name)]] |= rubs
         mirror = _held(body, facets, bends)[2]
+        if mesh.axisymmetric:  # the axis mirrors, too
+            mirror |= mesh.on_axis[bends.nodes].all(axis=1)
         sharp = np.where(mirror, 2.0 * bends.turn - np.pi, bends.turn) > SHARPEST
         sharp &= touching[bends.nodes].all(axis=1)
+        finite = {tuple(place) for each in by_body[name] for place in each.finite}
+        known = [tuple(point) in finite for point in mesh.points]
+        sharp &= ~np.array(known)[bends.nodes].all(axis=1)
         found[f"bodies.{name}.von_mises_max"] = bool(
             sharp.any()
             or (bends.turn < -SHARPEST).any()

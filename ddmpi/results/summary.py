@@ -13,9 +13,11 @@ from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.bars import (
     COARSE,
     ENDLESS,
+    FLOOR,
     LARGEST,
     LOCKED,
     STEPPED,
+    UNCERTIFIED,
     UNDETERMINED,
     Measured,
     told,
@@ -148,11 +150,17 @@ def errors_of(
     error, found = summary["discretization_error"]["energy_norm"], {}
     for result, known in measured.items():
         value, bar = value_of(summary, result), None
-        word = _instead(summary, result, error) or ENDLESS * (result in unbounded)
+        doubt = UNCERTIFIED if known.word == UNCERTIFIED else _instead(summary, result, error)
+        word = doubt or ENDLESS * (result in unbounded)
         if value is None:
             word = word or UNDETERMINED
-        elif not word:
-            bar, word = told(named(result), order, known, value, scales[quantity_of(result)])
+        elif word in ("", COARSE, LOCKED):
+            scale = scales[quantity_of(result)]
+            bar, why = told(named(result), order, known, value, scale)
+            # statics alone gives it, on any mesh: its dual has no strain, and no contact is open altogether
+            given = bar is not None and bar <= FLOOR * max(scale, known.terms)
+            given = given and (known.terms > 0.0 or not summary["contacts"])
+            bar, word = (bar, why) if given or not word else (None, word)
         found[result] = {"value": value, "bar": bar, "word": word, "half": None}
     return found
 

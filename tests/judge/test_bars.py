@@ -18,6 +18,7 @@ from ddmpi.judge.bars import (
     PARTIAL,
     PATCHY,
     SHARE,
+    UNDETERMINED,
     UNRESOLVED,
     Measured,
     kink_of_pressure,
@@ -328,6 +329,26 @@ def test_the_rule():
     none |= {"moved": 0.0, "rubbed": 0.0, "left": 0.0}
     assert told(energy, 1, Measured(**none), 0.0, 3.0) == (pytest.approx(3.0 * FLOOR), "")
     assert told(force, 1, Measured(**none, terms=5.0), 0.0, 3.0) == (pytest.approx(5.0 * FLOOR), "")
+
+
+def test_what_no_motion_changes_is_determined_where_motions_are_held():
+    """Strains of a block that slides freely on a floor: a uniform stress, with σ_z = ν σ_y, which elements hold."""
+    block = {
+        "name": "b",
+        "mesh": rectangle([0.0, 0.0], [2.0, 1.0], [4, 2]),
+        "material": STEEL,
+        "traction": [{"on": "top", "pressure": 1e6}],
+    }
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    contact = {"bodies": ["b", "floor"], "on": ["bottom"]}
+    wanted = ["bodies.b.energy", "bodies.b.von_mises_max", "bodies.b.displacement_max"]
+    scene = {"body": [block], "rigid": [floor], "contact": [contact]}
+    errors = ddmpi.solve(scene | {"output": {"errors": wanted}}).summary["errors"]
+    energy, stress, moved = (errors[result] for result in wanted)
+    assert abs(energy["value"] - 0.91 * 1e12 / 2e11) <= energy["bar"] < 1e-4 * energy["value"]
+    true = 1e6 * np.sqrt(1.0 - 0.3 + 0.3**2)
+    assert abs(stress["value"] - true) <= stress["bar"] < 1e-4 * true
+    assert moved["word"] == UNDETERMINED
 
 
 def test_a_thin_body_errs_in_proportion_to_its_thickness():

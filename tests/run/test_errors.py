@@ -10,7 +10,7 @@ from scenes import assert_refused, call, pinched_blocks, run_here, write_scene
 
 import ddmpi
 from ddmpi.errors import InputError
-from ddmpi.judge.bars import ENDLESS, STEPPED, UNCERTIFIED
+from ddmpi.judge.bars import COARSE, ENDLESS, LOCKED, STEPPED, UNCERTIFIED
 from ddmpi.results.summary import with_bar
 from ddmpi.scene.reader import read_scene
 from ddmpi.scene.results import wanted_errors
@@ -102,11 +102,35 @@ def test_without_errors_nothing_is_told():
 
 
 def test_an_answer_that_is_not_certified_has_words():
-    scene = asking(FORCE)
+    """Also where a clamp ends: nothing is known of stresses that are in no equilibrium."""
+    scene = asking(FORCE, PEAK)
     scene["method"] = {"max_iterations": 2}
     answer = ddmpi.solve(scene)
     assert not answer.certified
-    assert answer.summary["errors"][FORCE]["word"] == UNCERTIFIED
+    assert {entry["word"] for entry in answer.summary["errors"].values()} == {UNCERTIFIED}
+
+
+@pytest.mark.parametrize(
+    ("divisions", "poisson", "word"), [([2, 1], 0.3, COARSE), ([16, 8], 0.499, LOCKED)]
+)
+def test_forces_that_statics_gives_have_a_bar_on_any_mesh(divisions, poisson, word):
+    """A block on a rough rigid floor, pushed down and aside on its top, bears the loads; the rest has a word."""
+    block = {
+        "name": "b",
+        "mesh": {"shape": "rectangle", "size": [2.0, 1.0], "divisions": divisions},
+        "material": {"young": 2e11, "poisson": poisson},
+        "traction": [{"on": "top", "value": [1e5, "-1e6*(1 + 0.4*(x - 1))"]}],
+    }
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    friction = {"law": "coulomb", "coefficient": 0.9}
+    contact = {"name": "c", "bodies": ["b", "floor"], "on": ["bottom"], "friction": friction}
+    wanted = ["contacts.c.force.x", "contacts.c.normal_force", "bodies.b.energy"]
+    scene = {"body": [block], "rigid": [floor], "contact": [contact], "output": {"errors": wanted}}
+    errors = ddmpi.solve(scene).summary["errors"]
+    along, normal, energy = (errors[result] for result in wanted)
+    assert abs(along["value"] + 2e5) <= along["bar"] < 1e-4 * 2e6
+    assert abs(normal["value"] - 2e6) <= normal["bar"] < 1e-4 * 2e6
+    assert energy["bar"] is None and energy["word"] == word
 
 
 def test_errors_with_load_steps_are_of_the_last_one():
