@@ -344,8 +344,8 @@ MUTANTS = [
         (
             "held motions in the order of their resistance",
             "run/held",
-            "told = sorted(told[:-1], key=lambda one: (order.index(one.body), one.motion))",
-            "told = sorted(told[:-1], key=lambda one: (-order.index(one.body), one.motion))",
+            "told = sorted(told[:-1], key=lambda one: (order.get(one.body, len(named)), one.motion))",
+            "told = sorted(told[:-1], key=lambda one: (-order.get(one.body, len(named)), one.motion))",
             f"{HELD}::test_two_free_turns_in_load_steps",
         ),
         (
