@@ -359,8 +359,9 @@ def judge_held(
                 return told, mechanism, False
         # motions that are resisted alike come in any order
         scene = assembly.scene
-        order = [each.name for each in (*scene.body, *scene.rigid)]
-        told = sorted(told[:-1], key=lambda one: (order.index(one.body), one.motion))
+        named = [each.name for each in (*scene.body, *scene.rigid)]
+        order = {name: number for number, name in enumerate(named)}  # pretensions come last
+        told = sorted(told[:-1], key=lambda one: (order.get(one.body, len(named)), one.motion))
         return told, None, False
 
     return from_first(assembly.world, judge)

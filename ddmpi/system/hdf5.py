@@ -66,7 +66,10 @@ def _checked(path: Path, seconds: int, work: Callable[..., Any], *more: Any) -> 
     or lie in other files: a folder of results would hand these on. Raises InputError, and what `work` raises."""
     import h5py
 
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1))  # first SIGXCPU, then SIGKILL
+    most = resource.getrlimit(resource.RLIMIT_CPU)[1]  # which no process may raise
+    most = seconds + 1 if most == resource.RLIM_INFINITY else min(seconds + 1, most)
+    # first SIGXCPU, then SIGKILL
+    resource.setrlimit(resource.RLIMIT_CPU, (min(seconds, most), most))
     try:
         file = h5py.File(path, "r")
     except OSError:

@@ -144,6 +144,14 @@ def test_a_file_that_leads_hdf5_round_in_circles_is_a_message(folder, monkeypatc
         hdf5.probe(folder / "result.h5")
 
 
+def test_files_are_read_where_a_machine_limits_processor_time(folder):
+    """A limit below that for files, as of `ulimit -t`, which no process may raise."""
+    code = "import resource, sys; resource.setrlimit(resource.RLIMIT_CPU, (8, 8)); from pathlib import Path; "
+    code += "from ddmpi.system.hdf5 import probe; probe(Path(sys.argv[1])); print('read')"
+    run = scenes.run_python(["-c", code, str(folder / "result.h5")], 1)
+    assert (run.code, run.stdout) == (0, "read\n"), run.stderr
+
+
 def test_a_small_file_stands_for_no_large_array(folder):
     """A dataset of a terabyte that was never written takes no memory."""
     with h5py.File(folder / "result.h5", "r+") as file:

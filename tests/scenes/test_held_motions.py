@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sparse
+from bolts import bar
 from restarts import go_on_from_checkpoints
 from scenes import certified, rectangle
 
@@ -433,3 +434,15 @@ def test_a_shaft_in_a_split_bush_is_that_in_a_whole_one(around, order):
     carried = [answer.summary["contacts"][name]["force"] for name in ("shaft-left", "shaft-right")]
     assert np.sum(carried, axis=0) == pytest.approx([0.0, 1000.0], abs=10.0)  # 84 π · 3.79 N
     assert abs(carried[0][0]) == pytest.approx(abs(carried[1][0]), rel=1e-6)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_a_half_that_only_a_pretension_without_force_holds_stays(d):
+    """The half moves as far as the offset, so that rounding decides which of both is told as the one that moves."""
+    scene = bar(d, force=0.0, along=[1.0] + [0.0] * (d - 1))
+    del scene["body"][1]["clamp"]
+    answer = certified(scene)
+    (held,) = answer.summary["held_motions"]
+    assert held["body"] in ("two", "pretension of cut")
+    assert "two can move along" in held["motion"]
+    assert answer.bodies["two"].displacement == pytest.approx(0.0, abs=1e-12)
