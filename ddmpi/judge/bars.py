@@ -24,7 +24,7 @@ from ddmpi.body.stress import Composite, energy_density
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ActiveSet
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.boundary import SHARPEST, corner_normals, creases
+from ddmpi.mesh.boundary import SHARPEST, Creases, corner_normals, creases
 from ddmpi.mesh.elements import curved_facets, facet_measures, normals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
@@ -146,10 +146,12 @@ class Straight(NamedTuple):
     volume : (f,) by which it stands out over the facets, negative where it is hollow (m³; in the plane per metre of
         depth; around an axis of the whole circumference)
     bent : (nv,) squares of the angle by which it turns from node to node
+    rims : (nv,) in space, the angle by which a smooth edge of the boundary turns at a node, as the rim of a flat end
     """
 
     volume: np.ndarray
     bent: np.ndarray
+    rims: np.ndarray
 
 
 class Parts(NamedTuple):
@@ -214,8 +216,12 @@ def parts_of(
     pushed = [(force * z[facets].mean(axis=1)).sum(axis=1) for z in by_loads]
     straight = (sides.volume * (np.reshape(pushed, (k, -1)) - density[:, beside])).sum(axis=1)
     # a traction that grows with the radius acts by 0.2 θ² more on an arc of the angle θ than on its chord
-    works = [0.125 * float((sides.bent[:, None] * loads * z).sum()) for z in by_loads]
-    return Parts(cells, np.abs(stars).sum(axis=1), squares, straight + works)
+    works = [(loads * z).sum(axis=1) for z in by_loads]
+    straight = straight + [0.125 * float(sides.bent @ work) for work in works]
+    # a chord L of a rim, which turns by θ, takes L² θ/12 from a loaded flat face: θ/6 of what the nodes of its cells have
+    lost = np.array([abs(float(sides.rims @ work)) / 6.0 for work in works])
+    straight = straight + np.copysign(lost.reshape(k), straight)
+    return Parts(cells, np.abs(stars).sum(axis=1), squares, straight)
 
 
 def ends_of_contact(
@@ -385,4 +391,20 @@ def straight_sides(mesh: Mesh, thickness: np.ndarray) -> Straight:
     measures = facet_measures(mesh.points[facets], mesh.axisymmetric) * thickness[cells]
     bent = np.zeros(len(mesh.points))
     np.maximum.at(bent, corners, (2.0 / (d - 1) * turn**2 / (arms**2).sum(axis=(1, 2)))[:, None])
-    return Straight(measures * turn / (2.0 * (d + 1)), bent)
+    return Straight(measures * turn / (2.0 * (d + 1)), bent, _rims(mesh, bends))
+
+
+def _rims(mesh: Mesh, bends: Creases) -> np.ndarray:
+    """(nv,) the angles by which smooth edges turn at nodes; zero in the plane, and of quadratic cells, whose edges may
+    be curved."""
+    turns = np.zeros(len(mesh.points))
+    edges = bends.nodes[np.abs(bends.turn) > SHARPEST]
+    if mesh.dimension == 2 or not (mesh.cell.linear and len(edges)):
+        return turns
+    ends = np.concatenate([edges, edges[:, ::-1]])
+    ways = unit(mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]])
+    both = np.zeros_like(mesh.points)
+    np.add.at(both, ends[:, 0], ways)  # 2 sin θ/2 long where two edges meet
+    turns[:] = np.linalg.norm(both, axis=1)
+    smooth = np.bincount(ends[:, 0], minlength=len(turns)) == 2
+    return np.where(smooth & (turns < SHARPEST), turns, 0.0)

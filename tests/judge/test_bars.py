@@ -254,6 +254,23 @@ def test_a_weight_on_straight_sides_is_told():
     assert 2.0 * true < entry.bar < 2.5 * true
 
 
+def test_a_pressure_on_the_flat_end_of_a_round_bar_is_told():
+    """Its polygon has 1 % less area than the circle, and so the force on the floor is 1 % too small."""
+    mesh = {"shape": "cylinder", "center": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0]}
+    mesh |= {"radii": [0.0, 1.0], "height": 2.0, "size": 0.6}
+    bar = {"name": "bar", "mesh": mesh, "material": {"young": 2e11, "poisson": 0.3}}
+    bar["traction"] = [{"on": "top", "pressure": 1e7}]
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}
+    contact = {"name": "c", "bodies": ["bar", "floor"], "on": ["bottom"]}
+    result = "contacts.c.normal_force"
+    answer = ddmpi.solve(
+        {"body": [bar], "rigid": [floor], "contact": [contact], "output": {"errors": [result]}}
+    )
+    entry = answer.error(result)
+    left = np.pi * 1e7 - entry.value
+    assert 0.005 * np.pi * 1e7 < left < entry.bar < 3.0 * left
+
+
 def test_a_moment_on_straight_sides_is_told():
     """So is that of a traction along a polygon."""
     turn = {"constant": [0.0, 0.0], "x_slope": [0.0, 1e6], "y_slope": [-1e6, 0.0]}

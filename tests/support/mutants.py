@@ -349,6 +349,13 @@ MUTANTS = [
             "judge/test_bars.py::test_an_overlap_that_meshes_have_is_as_true_as_their_sides",
         ),
         (
+            "a round end has no more area than its polygon",
+            "judge/bars",
+            "lost = np.array([abs(float(sides.rims @ work)) / 6.0 for work in works])",
+            "lost = np.array([0.0 for work in works])",
+            "judge/test_bars.py::test_a_pressure_on_the_flat_end_of_a_round_bar_is_told",
+        ),
+        (
             "held motions in the order of their resistance",
             "run/held",
             "told = sorted(told[:-1], key=lambda one: (order.get(one.body, len(named)), one.motion))",
@@ -3364,8 +3371,8 @@ MUTANTS = [
         (
             "tractions act on chords",
             "judge/bars",
-            "straight + works",
-            "straight",
+            "0.125 * float(sides.bent @ work)",
+            "0.0 * float(sides.bent @ work)",
             f"{BARS}::test_a_moment_on_straight_sides_is_told",
         ),
         (
