@@ -151,11 +151,12 @@ def errors_of(
     for result, known in measured.items():
         value, bar = value_of(summary, result), None
         doubt = UNCERTIFIED if known.word == UNCERTIFIED else _instead(summary, result, error)
-        word = doubt or ENDLESS * (result in unbounded)
+        scale = scales[quantity_of(result)]
+        grows = value is not None and abs(value) > FLOOR * scale and result in unbounded
+        word = doubt or ENDLESS * grows
         if value is None:
             word = word or UNDETERMINED
         elif word in ("", COARSE, LOCKED):
-            scale = scales[quantity_of(result)]
             bar, why = told(named(result), order, known, value, scale)
             # statics alone gives it, on any mesh: its dual has no strain, and no contact is open altogether
             given = bar is not None and bar <= FLOOR * max(scale, known.terms)

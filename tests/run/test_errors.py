@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import assert_refused, call, pinched_blocks, run_here, write_scene
+from scenes import assert_refused, call, pinched_blocks, rectangle, run_here, write_scene
 
 import ddmpi
 from ddmpi.errors import InputError
@@ -67,6 +67,23 @@ def test_an_answer_tells_where_an_error_comes_from():
     }
     with pytest.raises(InputError, match=r"did you mean 'contacts.upper-lower.force.x'"):
         answer.error("contacts.upper-lower.force.y")
+
+
+def test_a_stress_of_nothing_grows_nowhere():
+    """A clamped block that nothing touches has no stress at its corners, and a bar of rounding."""
+    beam = rectangle("beam", (0.0, 0.0), (4.0, 1.0), (16, 4), clamp=["left"])
+    beam["mesh"]["order"] = 2
+    beam["traction"] = [{"on": "top", "value": [0.0, 1e6]}]
+    below = rectangle("below", (3.0, -1.0), (1.0, 1.0), (3, 3), clamp=["bottom"])
+    below["mesh"]["order"] = 2
+    contact = {"name": "c", "bodies": ["beam", "below"], "on": ["bottom", "top"]}
+    results = [f"bodies.{name}.von_mises_max" for name in ("beam", "below")]
+    answer = ddmpi.solve(
+        {"body": [beam, below], "contact": [contact], "output": {"errors": results}}
+    )
+    bent, still = (answer.summary["errors"][result] for result in results)
+    assert bent["bar"] is None and "grows with finer meshes" in bent["word"]
+    assert still["value"] == 0.0 and 0.0 < still["bar"] <= 1e-5 * bent["value"]
 
 
 @pytest.mark.parametrize(

@@ -3413,8 +3413,8 @@ MUTANTS = [
         (
             "a bar is told of a stress without limit",
             "results/summary",
-            "or ENDLESS * (result in unbounded)",
-            "",
+            "word = doubt or ENDLESS * grows",
+            "word = doubt or ENDLESS * False",
             f"{ERRORS}::test_every_number_has_a_bar_or_a_word",
         ),
         (
