@@ -399,7 +399,7 @@ def _rims(mesh: Mesh, bends: Creases) -> np.ndarray:
     be curved."""
     turns = np.zeros(len(mesh.points))
     edges = bends.nodes[np.abs(bends.turn) > SHARPEST]
-    if mesh.dimension == 2 or not (mesh.cell.linear and len(edges)):
+    if edges.shape[1] < 2 or not (mesh.cell.linear and len(edges)):
         return turns
     ends = np.concatenate([edges, edges[:, ::-1]])
     ways = unit(mesh.points[ends[:, 1]] - mesh.points[ends[:, 0]])
