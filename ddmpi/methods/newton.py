@@ -70,8 +70,9 @@ loads on a loose body, whose resultant e may be rounding. Without any contact th
 
 SPLIT, SOFTER, SOFTEST, NEARLY = 20.0, 1e-3, 1e-6, 1e-3
 """Contacts at one node share a force in many ways, or where meshes nearly match in one way, with parts that are much
-larger than the force. Once nothing else changes, any way is taken that leaves a residual of SPLIT times the tolerance.
-Where more is left, but less than NEARLY, the compliances that steer these parts get softer by SOFTER, down to SOFTEST."""
+larger than the force. Once nothing else changes, or misses the tolerance, any way is taken that leaves a residual of
+SPLIT times the tolerance; the certificate, which allows 50 times, judges the answer as any other. Where more is left,
+but less than NEARLY, the compliances that steer these parts get softer by SOFTER, down to SOFTEST."""
 
 
 class Iterate(NamedTuple):
@@ -296,19 +297,21 @@ class Newton(Outer):
     def _see_to_shares(
         self, before: Iterate, at: Iterate, tolerance: float
     ) -> tuple[Iterate, bool]:
-        """The iterate after a step, which knows whether this `splits` forces alone, of which counts what they do to gaps;
-        and whether what steers their parts has to get softer. Collective."""
-        shared, c, (s, r, *_) = self.preconditioner.shared > 0.0, self.preconditioner.c, at.point
+        """The iterate after a step, which knows whether this `splits` forces alone: nothing beside the shared nodes has
+        changed, nor misses the tolerance, and of shared forces counts what they do to gaps. And whether what steers
+        their parts has to get softer. Collective."""
+        space, c, point = self.joint.space, self.preconditioner.c, at.point
+        shared = self.preconditioner.shared > 0.0
         slow = at.residual > PROGRESS * before.residual
-        if not (slow and self.joint.space.any(shared)):
+        if not (slow and space.any(shared)):
             return at, False
-        change = np.where(shared, c * (r - before.point.r), s - before.point.s)
-        beside = self.joint.space.norm(change)
+        forces, gaps = point.s - before.point.s, point.r - before.point.r
+        misfit = point.s - space.laws.project(point.s - c * point.r)
+        changed, missed = space.norms([np.where(shared, c * gaps, forces), ~shared * misfit])
+        missed = math.hypot(missed, norm(point.left))
         allowed = SPLIT * tolerance
-        return (
-            at._replace(splits=beside <= allowed * at.size),
-            allowed < at.residual < NEARLY,
-        )
+        splits = changed <= allowed * at.size and missed <= tolerance * at.size
+        return at._replace(splits=splits), allowed < at.residual < NEARLY
 
     def _judged(self, at: Iterate, tolerance: float) -> tuple[Iterate, str]:
         """The iterate, with precise gaps if it is an answer, and why the iteration ends there. Collective."""
