@@ -328,6 +328,20 @@ MUTANTS = [
             f"{HELD}::test_a_shaft_in_a_split_bush_is_that_in_a_whole_one",
         ),
         (
+            "what else changes does not count beside shares",
+            "methods/newton",
+            "splits = changed <= allowed * at.size and missed <= tolerance * at.size",
+            "splits = True",
+            "methods/test_newton.py::test_only_shares_of_a_force_may_be_left_open",
+        ),
+        (
+            "what misses the tolerance beside shares does not count",
+            "methods/newton",
+            "splits = changed <= allowed * at.size and missed <= tolerance * at.size",
+            "splits = changed <= allowed * at.size",
+            "methods/test_newton.py::test_only_shares_of_a_force_may_be_left_open",
+        ),
+        (
             "what steers shares stays as stiff",
             "methods/newton",
             "shared *= SOFTER",
@@ -3343,8 +3357,8 @@ MUTANTS = [
         (
             "straight sides have no thickness",
             "judge/bars",
-            "mesh.axisymmetric) * thickness[cells]",
-            "mesh.axisymmetric)",
+            "sides.volume * thickness[mesh.boundary[1]]",
+            "sides.volume",
             f"{BARS}::test_straight_sides_leave_out_the_area_of_circles",
         ),
         (
