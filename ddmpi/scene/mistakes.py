@@ -194,10 +194,15 @@ def _allowed(kinds: Sequence[inspect.Type], problem: str) -> list[str]:
 
 def _expected(place: Place, allowed: list[str]) -> str:
     """What is said of a value that is none of the `allowed` words."""
-    numbers = any(isinstance(kind, inspect.IntType | inspect.FloatType) for kind in place.kinds)
-    number = "a number or " if numbers else ""
-    words = f"{number}one of {', '.join(allowed)}{_meant(str(place.given), allowed)}"
-    return f"{place.given!r} is not valid; expected {words}"
+    beside = {
+        "a number": any(
+            isinstance(kind, inspect.IntType | inspect.FloatType) for kind in place.kinds
+        ),
+        "a list": any(isinstance(kind, inspect.ListType) for kind in place.kinds),
+    }
+    words = f"{'one of ' * (len(allowed) > 1)}{', '.join(allowed)}"
+    kinds = " or ".join([*(kind for kind, may in beside.items() if may), words])
+    return f"{place.given!r} is not valid; expected {kinds}{_meant(str(place.given), allowed)}"
 
 
 TYPES = {

@@ -839,6 +839,12 @@ ASKED = [
         "output.only=contacts",
     ),
     Bound(
+        "output.errors: 'bodies.upper.reaction.x' is not valid; expected a list or main",
+        "plane",
+        "output.errors=bodies.upper.reaction.x",
+        "output.errors=['bodies.upper.reaction.x']",
+    ),
+    Bound(
         "output.errors: there is no result 'contacts.upper-lower.normal_forces'",
         "plane",
         "output.errors=['contacts.upper-lower.normal_forces']",

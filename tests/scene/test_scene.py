@@ -114,7 +114,7 @@ REFUSED = [
     ("method.max_iterations=0", "method.max_iterations: expected a whole number >= 1|got 0"),
     (
         "method.inner_precision=fix",
-        "method.inner_precision: 'fix' is not valid; expected a number or one of fixed",
+        "method.inner_precision: 'fix' is not valid; expected a number or fixed",
     ),
     (
         "body.upper.material.poisson=0.5",
