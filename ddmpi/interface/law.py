@@ -252,7 +252,8 @@ class Law:
     def misfit(self, gap: np.ndarray) -> float:
         """Largest distance (m) of the gaps (k,) from those that the law allows: the largest overlap, or of a two-sided
         law also the largest opening."""
-        return float(np.max(np.abs(gap) if self.two_sided else -gap, initial=0.0) + 0.0)
+        overlap = np.max(np.abs(gap) if self.two_sided else -gap, initial=0.0)
+        return float(overlap) + 0.0  # 0 for -0, which would be told
 
     def complementarity(self, normal: np.ndarray, gap: np.ndarray) -> tuple[float, float]:
         """Work Σ s_ν |gap| of the pressure at gaps (N m), and the largest tension (N), of normal forces (m,); zero for

@@ -92,8 +92,8 @@ class StepLog:
     doubts : warnings of answers at the ends of legs before the last one, the first of each kind
     run, change, cycle : cycles begun; change of forces over the last, see `Cycle.until`; the present one, 0 outside
     most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
-    derived : the derivatives at the end of the last leg, of results and of arrays, as of `ddmpi.derive.entries.entries_of`;
-        and by key why there is none
+    derived : the derivatives at the end of the last leg, of results and of arrays, as of
+        `ddmpi.derive.entries.entries_of`; and by key why there is none
     places : of bodies that move far, where they are at the end of each step, by time
     """
 
