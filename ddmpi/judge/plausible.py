@@ -333,7 +333,7 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
             "linear",
         ),
         2: (
-            "its mesh is coarse, and forces at the edges of contacts are uncertain",
+            "its mesh is coarse",
             "a finer mesh",
             "quadratic",
         ),

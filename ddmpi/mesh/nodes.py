@@ -54,6 +54,9 @@ COUNTS = (
 WINDOW = 64
 """So many more elements than in the last run of alike ones are looked at together."""
 
+LARGEST_NUMBER = 10**8
+"""Meshio makes a table as long as the largest number of a node: 0.8 GB for this one."""
+
 
 class _Words:
     """The numbers of a section of an MSH file, in text or binary, one after the other."""
@@ -91,8 +94,8 @@ class _Words:
 
 def refuse_lost_numbers(path: Path, label: str) -> None:
     """Raise InputError, after `label`, where an MSH file of version 2 or 4.1 has elements with nodes that are not
-    there, two nodes of one number, or numbers of nodes and elements that no integer is, which meshio takes for large ones
-    that want 16 GB. Says nothing of other versions, and of files that it cannot read: gmsh will. Not collective."""
+    there, two nodes of one number, numbers of nodes and elements that no integer is, which meshio takes for large ones,
+    or numbers above LARGEST_NUMBER. Says nothing of other versions, and of files that it cannot read: gmsh will. Not collective."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
@@ -102,6 +105,11 @@ def refuse_lost_numbers(path: Path, label: str) -> None:
     except (ValueError, TypeError, LookupError, Warning):  # TypeError: numbers of 0 bytes
         return
     there, count = np.unique(numbers, return_counts=True)
+    if there.max(initial=0) > LARGEST_NUMBER:
+        raise InputError(
+            f"{label}: a node has the number {there[-1]}; number nodes below {LARGEST_NUMBER:.0e}, in gmsh by "
+            "Mesh.Renumber = 1"
+        )
     if (count > 1).any():
         raise InputError(f"{label}: {count.max()} nodes have the number {there[count.argmax()]}")
     for elements, nodes in blocks:

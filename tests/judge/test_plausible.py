@@ -436,7 +436,7 @@ WARNED = [
         punch(2, 1),
         "coarse",
         (
-            "forces at the edges of contacts are uncertain: the estimated discretization error is "
+            "its mesh is coarse: the estimated discretization error is "
             "0.2,",
             "; use a finer mesh",
         ),

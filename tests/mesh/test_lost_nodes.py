@@ -215,6 +215,19 @@ def test_numbers_that_no_integer_is_end_in_a_message(tmp_path, number):
     assert "a.msh has numbers of nodes or elements that no integer is" in read(path)
 
 
+def test_a_node_of_a_huge_number_is_refused_and_one_below_is_read(tmp_path):
+    """For which meshio would take 16 GB."""
+    cells, lines = CELLS + 1, LINES + 1
+    for number, refused in ((2_147_483_000, True), (100_000_001, True), (20_000_000, False)):
+        far = [np.where(nodes == 5, number, nodes).tolist() for nodes in (cells, lines)]
+        path = msh(tmp_path / "a.msh", *far)
+        path.write_text(path.read_text().replace("\n5 0.5", f"\n{number} 0.5"))
+        if refused:
+            assert f"a.msh: a node has the number {number}; number nodes below 1e+08" in read(path)
+        else:
+            assert len(read_mesh(path, "a").points) == 5
+
+
 @pytest.mark.parametrize("size", [0, 3, 16])
 def test_sizes_of_numbers_that_do_not_exist_end_in_a_message(tmp_path, size):
     path = msh(tmp_path / "a.msh", CELLS + 1, LINES + 1, version="4.1", binary=True)

@@ -279,6 +279,13 @@ MUTANTS = [
             "mesh/test_lost_nodes.py::test_numbers_that_no_integer_is_end_in_a_message",
         ),
         (
+            "huge numbers of nodes are handed on to meshio",
+            "mesh/nodes",
+            "there.max(initial=0) > LARGEST_NUMBER",
+            "there.max(initial=0) > 2**31",
+            "mesh/test_lost_nodes.py::test_a_node_of_a_huge_number_is_refused_and_one_below_is_read",
+        ),
+        (
             "numbers below the first node are taken",
             "mesh/nodes",
             "(nodes < 0) | (nodes >= len(raw.points))",
