@@ -278,6 +278,26 @@ def in_steps(scene: dict, last: float) -> dict:
     return scene
 
 
+def in_cycles(scene: dict) -> dict:
+    """The scene whose history goes back to its turning point and on to its end, three times, and then to its end."""
+    (_, turn, end), (start, there, last) = scene["history"]["way"].values()
+    back, again = end + turn, 2 * end
+    return scene | {
+        "history": {
+            "way": {
+                "times": [0.0, turn, end, back, again],
+                "factors": [start, there, last, there, last],
+            }
+        },
+        "time": scene["time"]
+        | {
+            "points": [turn, end, back, again],
+            "steps": 2,
+            "cycle": {"from": turn, "to": back, "repeat": 3},
+        },
+    }
+
+
 def turned(degrees: float, about: Sequence[float] = (0.0, 0.0, 1.0)) -> np.ndarray:
     """(3, 3) by Rodrigues' formula."""
     K = np.cross(np.eye(3), np.array(about) / np.linalg.norm(about)).T

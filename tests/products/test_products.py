@@ -6,10 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from decked import as_deck
-from kinds import Kind
+from kinds import Kind, in_cycles
 from mpi4py import MPI
 from otherwise import FOOT, Seen, otherwise
 from promises import FEATURES, Case
+from restarts import go_on_from_checkpoints
 from scenes import assert_refused, certified
 
 import ddmpi
@@ -186,3 +187,36 @@ def test_a_feature_on_several_ranks(comm, mpi_ranks):
         assert bodies == {body["name"] for body in case.scene["body"]}, name
         case.fields = {body: exact for body, exact in case.fields.items() if body in answer.bodies}
         as_promised(answer, case, kind, Seen())
+
+
+def in_steps(first: int) -> list[tuple[str, Kind]]:
+    """Each feature with an answer in several load steps, in one kind of scene."""
+    found = {}
+    for k, name in enumerate(FEATURES):
+        kinds = [Kind(kind, 1 + (first + k) % 2, True) for kind in NAMES]
+        kinds = [kind for kind in kinds if not FEATURES[name](kind).refused]
+        found[name] = kinds[(first + k) % len(kinds)]
+    return list(found.items())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "kind"), in_steps(0), ids=str)
+def test_a_scene_in_cycles_has_the_same_answer(name, kind):
+    """The loads end as they do without cycles, which bodies that move far do not have."""
+    case = FEATURES[name](kind)
+    scene = in_cycles(case.scene)
+    if "motions" in scene["time"]:
+        assert_refused(scene, 'time.cycle: does not go with motions = "far"')
+    else:
+        as_promised(certified(scene), case, kind, Seen())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "kind"), in_steps(1), ids=str)
+def test_a_scene_goes_on_from_its_checkpoints(tmp_path, name, kind):
+    """With the tables, fields and promised numbers of the run without an interruption."""
+    scene = FEATURES[name](kind).scene | {
+        "checkpoint": {"iterations": 1},
+        "output": {"steps": "all"},
+    }
+    go_on_from_checkpoints(scene, tmp_path, slice(None), ("contacts", "energy", "steps"))
