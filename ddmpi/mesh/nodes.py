@@ -95,7 +95,8 @@ class _Words:
 def refuse_lost_numbers(path: Path, label: str) -> None:
     """Raise InputError, after `label`, where an MSH file of version 2 or 4.1 has elements with nodes that are not
     there, two nodes of one number, numbers of nodes and elements that no integer is, which meshio takes for large ones,
-    or numbers above LARGEST_NUMBER. Says nothing of other versions, and of files that it cannot read: gmsh will. Not collective."""
+    or numbers above LARGEST_NUMBER. Says nothing of other versions, and of files that it cannot read: gmsh will. Not
+    collective."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")

@@ -436,8 +436,7 @@ WARNED = [
         punch(2, 1),
         "coarse",
         (
-            "its mesh is coarse: the estimated discretization error is "
-            "0.2,",
+            "its mesh is coarse: the estimated discretization error is 0.2,",
             "; use a finer mesh",
         ),
     ),
