@@ -269,8 +269,8 @@ class Supports:
 
     Attributes
     ----------
-    clamps : (nv, d) the number of the clamp that prescribes each component, −1 if none does; a clamp along a normal
-        counts for all components that the normal has
+    clamps : (nv, d) the number of the clamp that prescribes each component, −1 if none does; a clamp along a
+        direction counts for all components that this has
     free : (nv, d, d) projections onto the free directions
     moved : (nv, d) the displacements that clamps prescribe (m), by history, at its factor 1; None for constant ones
     constrained : number of a clamp, its nodes (k,) and unit vectors (k, d) of the clamped directions, in the scene's
@@ -349,15 +349,25 @@ def _constrained(
     if clamp.normal is not None:
         if clamp.on not in mesh.groups:
             raise InputError(
-                f"{key}: {clamp.on!r} is no boundary group of the mesh and has no normal; give x, y or z"
+                f"{key}: {clamp.on!r} is no boundary group of the mesh and has no normal; give x, y or z, or along"
             )
         if clamp.on in mesh.vertices:
             at = in_words(mesh.points[mesh.vertices[clamp.on][0]])
             raise InputError(
                 f"{key}: the node of {clamp.on!r} at {at} is on no {mesh.cell.facet.name} of it and has "
-                "no normal; give x, y or z"
+                "no normal; give x, y or z, or along"
             )
         yield "normal", clamp.normal, *outer_normals(mesh, clamp.on, key)
+    if clamp.along is not None:
+        ways = values_at(clamp.along, mesh.points[nodes], key).T
+        length = np.linalg.norm(ways, axis=1)
+        nowhere = length <= ALIKE * length.max()
+        if nowhere.any():
+            at = in_words(mesh.points[nodes[nowhere][0]])
+            raise InputError(
+                f"{key}: along has no direction at {at}, on {clamp.on!r}: it is zero there"
+            )
+        yield "along", clamp.value, nodes, ways / length[:, None]
 
 
 def refuse_underflow(

@@ -241,6 +241,7 @@ def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:
 def _prescribed(clamp: Clamp, d: int) -> str:
     """The components that a clamp prescribes, in words."""
     given = dict(zip("xyz"[:d], clamp.components, strict=False)) | {"its normal": clamp.normal}
+    given[f"({', '.join(map(str, clamp.along or ()))})"] = clamp.value
     ways = grouped(
         ("fixed" if value == 0.0 else "moved", axis)
         for axis, value in given.items()

@@ -16,7 +16,7 @@ from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.law import CoulombLaw, Law, TrescaLaw
 from ddmpi.mesh.boundary import material_numbers
-from ddmpi.scene.bodies import Heat, SettledBody, VolumeForce
+from ddmpi.scene.bodies import PRESCRIBED, Heat, SettledBody, VolumeForce
 from ddmpi.scene.contacts import Rigid, SettledContact
 
 
@@ -184,9 +184,7 @@ def _alone(
     the number, or 1 for a factor; and its history."""
     change = msgspec.structs.replace
     clamps = [
-        change(
-            clamp, **{name: 0.0 for name in (*"xyz", "normal") if getattr(clamp, name) is not None}
-        )
+        change(clamp, **{name: 0.0 for name in PRESCRIBED if getattr(clamp, name) is not None})
         for clamp in spec.clamps
     ]
     bare = change(

@@ -279,6 +279,10 @@ class PartMaterial(Material, frozen=True, kw_only=True):
     on: Group | None = None
 
 
+PRESCRIBED = ("x", "y", "z", "normal", "value")
+"""Keys of a clamp whose values are displacements."""
+
+
 class Clamp(Table, frozen=True, kw_only=True):
     """Prescribed displacement on a boundary group or a physical point, as in { on = "top", x = 0.01, y = "-0.02 * x" }.
 
@@ -288,6 +292,8 @@ class Clamp(Table, frozen=True, kw_only=True):
         drawing; or what groups have in common, an edge or a corner: "left & bottom"
     x, y, z : component of the displacement (m); left out, it is free
     normal : the displacement along the outer normal of a boundary group (m), node by node; the group can slide
+    along : a direction of any length, such as [0.6, 0.8] or, around an axis, ["-y", "x", 0.0], node by node
+    value : the displacement in this direction (m); the group can slide across it
     history : [history.NAME] whose factor multiplies it
     """
 
@@ -296,15 +302,21 @@ class Clamp(Table, frozen=True, kw_only=True):
     y: Number | Formula | AffineScalar | None = None
     z: Number | Formula | AffineScalar | None = None
     normal: Number | Formula | AffineScalar | None = None
+    along: Vector | None = None
+    value: Number | Formula | AffineScalar | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
         force_setattr(self, "on", joined(self.on))
-        if (*self.components, self.normal) == (None,) * 4:
+        if all(getattr(self, name) is None for name in (*PRESCRIBED, "along")):
             raise ValueError(
-                "a clamp prescribes one or several of x, y and, in space, z, or the normal component; to "
-                f'fix all, write clamp = ["{self.on}"]'
+                "a clamp prescribes one or several of x, y and, in space, z, the normal component, or the value "
+                f'along a direction; to fix all, write clamp = ["{self.on}"]'
             )
+        if (self.along is None) != (self.value is None):
+            raise ValueError("a direction and a value go together: along = [0.6, 0.8], value = 0.0")
+        if self.along is not None and not any(self.along):
+            raise ValueError("along: the direction must not be zero")
 
     @property
     def components(self) -> tuple[Number | Formula | AffineScalar | None, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from ddmpi.errors import nearest
-from ddmpi.scene.formulas import FORMULAS, check_formulas
+from ddmpi.scene.formulas import check_formulas, formulas_of
 from ddmpi.scene.motions import wrong_motions
 from ddmpi.scene.values import tables
 from ddmpi.system.files import LONGEST, contact_files
@@ -21,8 +21,8 @@ def mistakes(scene: Any) -> Iterator[str]:
     yield from _names(scene)
     yield from _files(scene.contact)
     for key, table in tables(scene):
-        for name in FORMULAS:
-            check_formulas(f"{key}.{name}", getattr(table, name, None))
+        for name, value in formulas_of(table):
+            check_formulas(f"{key}.{name}", value)
     for contact in scene.contact:
         yield from _partners(scene, contact)
         yield from _roles(scene, contact)

@@ -15,7 +15,7 @@ WHOLE = (
 
 NUMBER = (
     r"body\.[^.]+\.(?:material(?:\.\d+)?\.young|volume_force\.\d"
-    r"|traction\.\d+\.(?:pressure|moment|(?:value|force|moment)\.\d)|clamp\.\d+\.(?:x|y|z|normal))"
+    r"|traction\.\d+\.(?:pressure|moment|(?:value|force|moment)\.\d)|clamp\.\d+\.(?:x|y|z|normal|value))"
     r"|rigid\.[^.]+\.(?:displacement|force|moment)\.\d|contact\.[^.]+\.(?:gap\.value|pretension\.force)"
 )
 """Other numbers by which an answer can be differentiated."""

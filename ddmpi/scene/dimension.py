@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from ddmpi.scene.bodies import BodySpec
-from ddmpi.scene.formulas import FORMULAS, varies
+from ddmpi.scene.formulas import formulas_of, varies
 from ddmpi.scene.values import WHERE, OfOne, no_z, tables
 
 FileKind = Callable[[BodySpec], tuple[int, int]]
@@ -84,8 +84,8 @@ def misplaced(scene: Any) -> Iterator[OfOne]:
     for key, table in tables(scene):
         for number, name, words in table.of_one_dimension(scene.axisymmetric):
             yield number, f"{key}.{name}", words
-        for name in FORMULAS:
-            if varies(getattr(table, name, None), "z"):
+        for name, value in formulas_of(table):
+            if varies(value, "z"):
                 yield 3, f"{key}.{name}", no_z(scene.axisymmetric)
     planes = {body.name: body.plane for body in scene.body}
     for contact in scene.contact:

@@ -6,7 +6,7 @@ import ast
 import functools
 import operator
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -51,7 +51,18 @@ _OPERATORS: dict[type[ast.AST], Callable[..., Any]] = {
 }
 
 
-FORMULAS = ("x", "y", "z", "normal", "value", "pressure", "volume_force", "gap", "temperature")
+FORMULAS = (
+    "x",
+    "y",
+    "z",
+    "normal",
+    "along",
+    "value",
+    "pressure",
+    "volume_force",
+    "gap",
+    "temperature",
+)
 """Keys whose values may be formulas."""
 
 DEEPEST = 200
@@ -136,6 +147,14 @@ def varies(value: Any, coordinates: str = "xyz") -> bool:
         isinstance(node, ast.Name) and node.id in tuple(coordinates)
         for node in ast.walk(_parse(value))
     )
+
+
+def formulas_of(table: Any) -> Iterator[tuple[str, Any]]:
+    """The keys of a table whose values may be formulas, with these; `along` of a profile is a coordinate."""
+    for name in FORMULAS:
+        value = getattr(table, name, None)
+        if name != "along" or isinstance(value, tuple):
+            yield name, value
 
 
 def check_formulas(key: str, value: Any) -> None:

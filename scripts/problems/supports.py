@@ -374,6 +374,56 @@ def sector(n: int, order: Order, folder: Path) -> Results:
     )
 
 
+@problem("Blocks on a skew roller")
+def skew_roller(n: int, order: Order, folder: Path) -> Results:
+    way, wall, found = np.array([0.6, 0.8]), np.array([1.0, 0.0]), []
+    turn = np.array([[0.8, -0.6], [0.6, 0.8]])  # takes the roller's way to y
+
+    def part(name: str, low: float, cells: tuple[int, int], to: np.ndarray, roller: dict) -> dict:
+        corners = np.array([(0, low), (2, low), (2, low + 1), (0, low + 1)]) @ to.T
+        clamps = held(left={"along": (to @ wall).tolist(), "value": 0.0}, **roller)
+        load = {"right": (to @ [-5e6, -2e7]).tolist()}
+        return body(name, between(corners, cells, order), *STEEL, clamps, load)
+
+    for to, lower, upper in (
+        (np.eye(2), *({"along": (3.0 * way).tolist(), "value": by} for by in (1e-4, -3e-4))),
+        (turn, {"y": 1e-4}, {"y": -3e-4}),
+    ):
+        bodies = [
+            part("lower", 0, (6 * n, 3 * n), to, {"bottom": lower}),
+            part("upper", 1, (8 * n, 3 * n), to, {"top": upper}),
+        ]
+        joint = contact("lower", "upper", "top", "bottom", friction=coulomb(0.2))
+        found.append(solved(bodies, [joint], tolerance=1e-12))
+    one, other = (answer.contacts["lower-upper"] for answer in found)
+    u, v = (answer.bodies["upper"].displacement for answer in found)
+    skew, plain = (
+        np.array(answer.summary["bodies"]["lower"]["reactions"]["bottom"]["force"])
+        for answer in found
+    )
+    size = np.linalg.norm(plain)
+    return (
+        {
+            "worst contact force, skew less turned": (
+                off(one.normal_force, other.normal_force),
+                1e-12,
+            ),
+            "worst displacement, skew less turned": (off(v @ turn, u), 1e-12),
+            "force of the roller, skew less turned": (off(turn @ skew, plain), 1e-12),
+            "force of the roller across its way, over the force": (
+                (skew @ [0.8, -0.6] / size).item(),
+                1e-12,
+            ),
+        },
+        found[0],
+        along(
+            one,
+            lambda x: np.interp(x, one.interface.xy[:, 0], other.pressure),
+            X,
+        ),
+    )
+
+
 @problem("Orthotropic plies at an angle")
 def plies(n: int, order: Order, folder: Path) -> Results:
     (E1, E2, E3), (n12, n13, n23), c, s, values = PLY["young"], PLY["poisson"], 3**0.5 / 2, 0.5, {}

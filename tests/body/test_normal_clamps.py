@@ -1,4 +1,4 @@
-"""Clamps along normals: at any angle, on curved surfaces, several at a node; what they leave loose."""
+"""Clamps along normals and directions: at any angle, on curved surfaces, several at a node; what they leave loose."""
 
 import numpy as np
 import pytest
@@ -91,8 +91,9 @@ def body(**more) -> BodySpec:
 
 @both_orders
 @turns
+@pytest.mark.parametrize("by", ["normal", "along", "formulas"])
 @pytest.mark.parametrize("d", [2, 3])
-def test_a_turned_body_on_symmetry_planes_is_its_twin(d, angle, order):
+def test_a_turned_body_on_symmetry_planes_is_its_twin(d, angle, order, by):
     """On planes of symmetry and under a moved side at any angle a body does what it does along the axes."""
     R, upright = rotation(angle, d), box(d, order)
     planes = [
@@ -101,8 +102,13 @@ def test_a_turned_body_on_symmetry_planes_is_its_twin(d, angle, order):
         ("right", 2e-3),
         *([("front", 0.0)] if d == 3 else []),
     ]
-    clamps = [Clamp(on=on, normal=value) for on, value in planes]
     axes = {"left": "x", "bottom": "y" if d == 2 else "z", "right": "x", "front": "y"}
+    clamps = [Clamp(on=on, normal=value) for on, value in planes]
+    if by != "normal":
+        ways = {on: 7.0 * R[:, "xyz".index(axis)] for on, axis in axes.items()}
+        if by == "formulas":
+            ways = {on: [f"{part} * (2 + x**2)" for part in way] for on, way in ways.items()}
+        clamps = [Clamp(on=on, along=tuple(ways[on]), value=value) for on, value in planes]
     plain = [Clamp(on=on, **{axes[on]: value}) for on, value in planes]
     load = (1e6, -3e8, 2e8)[:d]
     found = []
@@ -166,6 +172,37 @@ def test_normals_of_a_circle_are_radial(order, angles):
             np.abs(motion - np.sign(motion[0, 1]) * mesh.points[:, ::-1] * [-1.0, 1.0]).max()
             <= 1e-9
         )
+
+
+@both_orders
+def test_a_direction_by_formulas_is_that_of_each_node(order):
+    """A ring that is held around turns with the clamp; held along its radius it can turn."""
+    mesh, across = ring(IRREGULAR, order), 1e-3
+    held = [
+        Clamp(on="inner", along=("-y", "x"), value=across),
+        Clamp(on="inner", along=("3*x", "3*y"), value=0.0),
+    ]
+    u = solve(mesh, body(clamp=held))
+    inner = np.unique(mesh.groups["inner"])
+    turned = across * mesh.points[inner][:, ::-1] * [-1.0, 1.0]
+    assert np.abs(u[inner] - turned).max() <= 1e-12 * across
+    assert np.abs(u / across - mesh.points[:, ::-1] * [-1.0, 1.0]).max() <= 1e-9
+    assert assemble(mesh, body(clamp=held[1:])).motions.shape[2] == 1
+
+
+def test_a_direction_that_is_zero_somewhere_is_refused_with_its_place():
+    """Also where rounding is left of it; a direction that is only shorter there is none of these."""
+    mesh = box(2, 1)
+    for x, refused in (("x", True), ("x + 1e-17", True), ("x + 1e-6", False)):
+        spec = body(clamp=[Clamp(on="bottom", along=(x, "0"), value=0.0)])
+        if not refused:
+            assert not supports(mesh, spec).free[mesh.groups["bottom"], 0].any()
+            continue
+        words = (
+            r"body.body.clamp: along has no direction at \(0, 0\), on 'bottom': it is zero there"
+        )
+        with pytest.raises(InputError, match=words):
+            supports(mesh, spec)
 
 
 def test_normals_of_a_sphere_are_radial(monkeypatch):
@@ -242,6 +279,12 @@ def test_several_clamps_at_a_node(angle):
         [Clamp(on="left", normal=1e-3), Clamp(on="left", normal=2e-3)],
         [Clamp(on="left", normal=1e-3), Clamp(on="left", x=0.0, y=0.0)],
         ["left", Clamp(on="left", normal=1e-3)],
+        [Clamp(on="left", normal=1e-3), Clamp(on="left", along=tuple(left), value=2e-3)],
+        [
+            Clamp(on="left", x=0.0),
+            Clamp(on="left", along=(1.0, 1.0), value=0.0),
+            Clamp(on="left", y=1e-3),
+        ],
     ):
         with pytest.raises(
             InputError, match=r"body.body.clamp: \w+ at .* is prescribed twice, as "

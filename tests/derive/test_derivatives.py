@@ -86,6 +86,16 @@ def blocks(law: str = "coulomb", **contact) -> dict:
     return scene
 
 
+def skew() -> dict:
+    """Blocks whose lower one is held along two directions, one of which changes from node to node."""
+    scene = blocks()
+    scene["body"][1]["clamp"] = [
+        {"on": "left", "along": [3.0, 4.0], "value": -1e-5},
+        {"on": "left", "along": ["0.8", "-0.6 - 0.1*y"], "value": 0.0},
+    ]
+    return scene
+
+
 def profile(law: str, key: str, *values: float) -> dict:
     """Blocks that do not match, with a given gap, and friction that changes along them."""
     scene = blocks(
@@ -144,6 +154,15 @@ CASES = {
         blocks("tresca", gap=0.0),
         {f"{PAIR}.friction.slip_bound": None, f"{PAIR}.gap": 1e-6},
         ["contacts.upper-lower.tangential_force", "contacts.upper-lower.dissipated"],
+    ),
+    "clamps along directions": (
+        skew(),
+        {
+            "body.lower.clamp.0": None,
+            "body.lower.clamp.0.value": None,
+            "body.lower.clamp.1.value": 1e-5,
+        },
+        [],
     ),
     # motions of a loose body and of a pushed partner follow, by displacement and by force
     "a loose body": (

@@ -797,6 +797,24 @@ ASKED = [
         "body.upper.clamp.1={on='right', y=1.0}",
     ),
     Bound(
+        "body.upper.clamp.1.along: the direction must not be zero",
+        "plane",
+        "body.upper.clamp.1={on='right', along=[0.0, 0.0], value=0.0}",
+        "body.upper.clamp.1={on='right', along=[1e-9, 0.0], value=0.0}",
+    ),
+    Bound(
+        "body.upper.clamp.1: a direction and a value go together",
+        "plane",
+        "body.upper.clamp.1={on='right', along=[0.6, 0.8]}",
+        "body.upper.clamp.1={on='right', along=[0.6, 0.8], value=1e-3}",
+    ),
+    Bound(
+        "body.upper.clamp.1.along: [0.6, 0.8, 0.0] is in space",
+        "plane",
+        "body.upper.clamp.1={on='right', along=[0.6, 0.8, 0.0], value=0.0}",
+        "body.upper.clamp.1={on='right', along=[0.6, 0.8], value='1e-3 * y'}",
+    ),
+    Bound(
         "a foundation has a stiffness per area",
         "plane",
         "body.upper.foundation=[{on='right', normal=0.0}]",

@@ -263,7 +263,7 @@ def in_steps(scene: dict, last: float) -> dict:
             following(load, "value", "pressure", "force", "moment")
         for clamp in body.get("clamp", []):
             if not isinstance(clamp, str):
-                following(clamp, "x", "y", "z", "normal")
+                following(clamp, "x", "y", "z", "normal", "value")
         following(body.get("motion", {}), "shift")
         for key in ("volume_force", "temperature"):
             if key in body:

@@ -173,7 +173,7 @@ def in_units(scene: dict, kind: Kind, L: float, S: float) -> dict:
         scale(body.get("motion", {}), shift=L)
         for clamp in body.get("clamp", []):
             if isinstance(clamp, dict):
-                scale(clamp, x=L, y=L, z=L, normal=L)
+                scale(clamp, x=L, y=L, z=L, normal=L, value=L, along=1.0)
         for load in body.get("traction", []):
             scale(load, value=S, pressure=S, force=F, moment=F * L)
         for springs in body.get("foundation", []):
@@ -213,7 +213,7 @@ def moved(scene: dict, shift: np.ndarray) -> dict:
             if isinstance(one, dict)
         ]
         for table in (body, *loads):
-            for key in ("x", "y", "z", "value", "pressure", "volume_force", "temperature"):
+            for key in ("x", "y", "z", "value", "along", "pressure", "volume_force", "temperature"):
                 if key in table:
                     table[key] = places(table[key])
     for contact in scene.get("contact", []):
@@ -227,38 +227,23 @@ def moved(scene: dict, shift: np.ndarray) -> dict:
 
 # Turned
 
-SIDES = {"left": (0, -1), "right": (0, 1), "bottom": (-1, -1), "top": (-1, 1)}
-SIDES |= {"front": (1, -1), "back": (1, 1)}
-"""Of a block: the axis of the normal and its sign."""
 
-
-def normal_clamp(clamp: Any, d: int) -> Any:
-    """A clamp of a side along its normal; that of an edge, which only keeps the block where it is, becomes that of the
-    side. None where it holds anything else."""
-    if isinstance(clamp, str):
-        return clamp
-    on = clamp["on"].partition(" ")[0]
-    on = "front" if "front" in clamp["on"] else on
-    given = [key for key in ("x", "y", "z", "normal") if key in clamp]
-    axis, sign = SIDES[on]
-    if given not in (["normal"], ["xyz"[axis % d]]):
+def turned_clamps(clamp: Any, R: np.ndarray) -> list[Any] | None:
+    """A clamp of a turned body: its components are directions. None where it holds anything that is a formula."""
+    if isinstance(clamp, str) or "normal" in clamp:
+        return [clamp]
+    if any(isinstance(value, str) for key, value in clamp.items() if key not in ("on", "history")):
         return None
-    value = clamp[given[0]]
-    if isinstance(value, str):
-        return None
-    more = {"history": clamp["history"]} if "history" in clamp else {}
-    return {"on": on, "normal": value if given == ["normal"] else sign * value} | more
+    kept = {key: clamp[key] for key in ("on", "history") if key in clamp}
+    ways = {axis: R[:, "xyz".index(axis)] for axis in "xyz" if axis in clamp}
+    if "along" in clamp:
+        ways["value"] = R @ clamp["along"]
+    return [kept | {"along": way.tolist(), "value": clamp[key]} for key, way in ways.items()]
 
 
 def plain(value: Any) -> Any:
     """The value of a table that has one."""
     return value["value"] if isinstance(value, dict) else value
-
-
-def edge_of(clamp: Any) -> set[str]:
-    """The sides that meet where a clamp is, if several do."""
-    sides = set() if isinstance(clamp, str) else set(clamp["on"].split(" & "))
-    return sides if len(sides) > 1 else set()
 
 
 def turn(scene: dict, kind: Kind, R: np.ndarray) -> dict | None:
@@ -293,10 +278,9 @@ def turn(scene: dict, kind: Kind, R: np.ndarray) -> dict | None:
             unit = np.vstack([np.c_[unit, np.zeros(4)], np.c_[unit, np.ones(4)]])
         mesh["shape"] = "quadrilateral" if d == 2 else "hexahedron"
         mesh["corners"] = ((low + unit * size) @ R.T).tolist()
-        clamps = body.get("clamp", [])
-        fixed = {clamp for clamp in clamps if isinstance(clamp, str)}
-        body["clamp"] = [normal_clamp(one, d) for one in clamps if not fixed & edge_of(one)]
-        good &= None not in body["clamp"]
+        clamps = [turned_clamps(one, R) for one in body.get("clamp", [])]
+        good &= None not in clamps
+        body["clamp"] = [one for several in clamps for one in several or []]
         good &= rotate(body, "volume_force") and rotate(body.get("motion", {}), "shift")
         good &= not isinstance(plain(body.get("temperature")), str)
         for load in body.get("traction", []):

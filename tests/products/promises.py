@@ -252,6 +252,28 @@ def clamp_along_the_normal(kind: Kind) -> Case:
 
 
 @feature
+def clamp_along_a_direction(kind: Kind) -> Case:
+    """At the top, aside as well as up, by what a load leaves it to bear; what its nodes do across it is free."""
+    strain, low, share = kind.strains(STEEL, LOAD), 0.0 if kind.axis else kind.low[0], 0.3 * LOAD
+    way = 0.6 * kind.aside + 0.8 * kind.up
+    lifted = 0.8 * strain[-1, -1] * kind.size[-1]
+    held = {"on": "top", "along": [f"{5.0 * part} + 0*x" for part in way.tolist()]}
+    held["value"] = f"{0.6 * strain[0, 0]} * (x - {low}) + {lifted}"
+    load = LOAD * kind.up - share * way
+    case = pulled(kind, clamp=[held], traction=[{"on": "top", "value": load.tolist()}])
+    top = kind.middle(kind.low[-1] + kind.size[-1])
+    borne = kind.area() * share * np.where(kind.axis * (kind.up == 0.0), np.nan, way)
+    case.told |= told(
+        LOAD * kind.area(),
+        bodies__block__loads__top__force=LOAD * kind.area() * kind.up - borne,
+        bodies__block__loads__top__moment=kind.moment(top, kind.area() * load),
+        bodies__block__reactions__top__force=borne,
+        bodies__block__reaction=borne - LOAD * kind.area() * kind.up,
+    )
+    return case
+
+
+@feature
 def clamp_by_formula(kind: Kind) -> Case:
     """A clamp that varies: the comparison holds at the node on its limit."""
     limit, way, top = float(kind.middle(0.0)[0]), 3.7e-4, kind.low[-1] + kind.size[-1]

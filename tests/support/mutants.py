@@ -1249,6 +1249,20 @@ MUTANTS = [
             "body/test_loads.py::test_clamps_move_the_ends_of_springs",
         ),
         (
+            "a direction keeps its length",
+            "body/loads",
+            "clamp.value, nodes, ways / length[:, None]",
+            "clamp.value, nodes, ways",
+            "body/test_normal_clamps.py::test_a_turned_body_on_symmetry_planes_is_its_twin",
+        ),
+        (
+            "a direction that is rounding is one",
+            "body/loads",
+            "length <= ALIKE * length.max()",
+            "length <= 0.0",
+            "body/test_normal_clamps.py::test_a_direction_that_is_zero_somewhere_is_refused_with_its_place",
+        ),
+        (
             "two normal clamps on one smooth surface count apart",
             "body/loads",
             "outer[nodes]) > np.cos(SHARPEST)",
