@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ddmpi.body.stress import components, energy_density, stress_at
-from ddmpi.mesh.elements import FINE, RULES, invert
+from ddmpi.mesh.elements import invert
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.run.answer import Answer
@@ -105,7 +105,7 @@ def against_mesh(answer: Answer, fine: Answer) -> float:
     coarse = {body.spec.name: body for body in answer.solved.assembly.bodies}
     for body in fine.solved.assembly.bodies:
         name, mesh, material = body.spec.name, body.mesh, body.spec.material
-        points, weights = RULES[mesh.dimension]
+        points, weights = mesh.cell.quadrature
         places = mesh.map(slice(None), points)
         exact = stress_at(mesh, material, fine.bodies[name].displacement, points)
         found = stress_in(
@@ -125,7 +125,7 @@ def against_form(answer: Answer, exact: Mapping[str, Stress]) -> float:
     off = whole = 0.0
     for body in answer.solved.assembly.bodies:
         name, mesh, material = body.spec.name, body.mesh, body.spec.material
-        points, weights = FINE[mesh.dimension]
+        points, weights = mesh.cell.fine
         mapped = mesh.map(slice(None), points)
         found = stress_at(mesh, material, answer.bodies[name].displacement, points)
         sigma = exact[name](mapped.places.reshape(-1, mesh.dimension)).reshape(found.shape)

@@ -317,7 +317,7 @@ def _linear_elements(
 ) -> tuple[PETSc.Mat, PETSc.NullSpace]:
     """For multigrid on quadratic elements: the displacements (k d, j d) of the `nodes` (k,) by those of the corners
     among them as linear elements have them, and the rigid motions of these corners. `loose` (k, d, d) as of A."""
-    first, size = mesh.dimension + 1, len(mesh.points)
+    first, size = mesh.cell.corners, len(mesh.points)
     middles, cells = np.unique(mesh.triangles[:, first:], return_index=True)
     ends = mesh.triangles[:, mesh.cell.between].reshape(-1, 2)[cells]
     corners, half = np.unique(mesh.corners), np.full(2 * len(middles), 0.5)

@@ -72,7 +72,7 @@ class Recovery(NamedTuple):
     ----------
     nodes : (n, nv) its components at the nodes
     fits : (k, n, m) of the polynomials around the vertices, in distances from them over `reach`
-    corners : (nt, d + 1) the numbers of the cells' vertices among these m
+    corners : (nt, c) the numbers of the cells' vertices among these m
     at, reach : (m, d) and (m,) places of the vertices and sizes of the cells around them (m)
     order : of the polynomials
     """
@@ -413,7 +413,7 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> Recovery:
             corners[block],
             np.linalg.norm(np.ptp(at[corners[block]], axis=1), axis=1)[:, None],
         )
-    outer = np.searchsorted(vertices, np.unique(mesh.boundary[0][:, : mesh.dimension]))
+    outer = np.searchsorted(vertices, np.unique(mesh.boundary[0][:, : mesh.cell.facet.corners]))
     cells = np.repeat(np.arange(len(corners)), corners.shape[1])
     around = sparse.csr_matrix((np.ones(corners.size), (corners.ravel(), cells)))  # (m, nt)
     # At the boundary cells count as often as they are around the vertex or one beside it.
@@ -432,9 +432,7 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> Recovery:
     found = Recovery(np.zeros((len(sampled), len(mesh.points))), fits, corners, at, reach, order)
     _borrow(found, around, outer, mesh.cell.nodes[:, 1:])
     found.nodes[:, vertices] = fits[0]
-    for node, between in zip(
-        mesh.triangles.T[mesh.dimension + 1 :], mesh.cell.between, strict=True
-    ):
+    for node, between in zip(mesh.triangles.T[mesh.cell.corners :], mesh.cell.between, strict=True):
         for block in blocks(len(node)):
             found.nodes[:, node[block]] = (
                 sum(

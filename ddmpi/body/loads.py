@@ -20,7 +20,7 @@ from ddmpi.body.stress import (
 )
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, outer_normals
-from ddmpi.mesh.elements import FINE, RULES, circumference, exact_rule
+from ddmpi.mesh.elements import circumference
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.formulas import evaluate, varies
@@ -116,7 +116,7 @@ def _traction(
 ) -> np.ndarray:
     """Nodal loads (nv, d) in newtons of a traction, a pressure or a force on facets (k, l) of thickness (k,)."""
     nodes, cell, f = mesh.points[facets], mesh.cell.facet, np.zeros_like(mesh.points)
-    points, weights = FINE[cell.dimension]
+    points, weights = cell.fine
     # ∫ φ_l t by Gauss's rule; `vectors` are outer normals as long as the ratio of measures
     vectors, shapes = cell.vectors(nodes, points), cell.shapes(points)
     size, places = np.linalg.norm(vectors, axis=0), np.einsum("ql,sld->qsd", shapes, nodes)
@@ -171,11 +171,7 @@ def _volume_force(
     values_at(force, mesh.points, key)  # a formula must be finite at the nodes, too
     for cells, _, curved in portions(mesh, material):
         # affine forces times shape functions on straight cells, by a rule that is exact for these
-        where, weights = (
-            FINE[mesh.dimension]
-            if curved or varies(force)
-            else exact_rule(mesh.dimension, mesh.order + 1)
-        )
+        where, weights = mesh.cell.fine if curved or varies(force) else mesh.cell.rule
         mapped, nodes, shapes = (
             mesh.map(cells, where),
             mesh.triangles[cells],
@@ -197,7 +193,7 @@ def springs(mesh: Mesh, body: BodySpec) -> Iterator[tuple[str, float, sparse.csr
     for foundation in body.foundation:
         facets = mesh.facets(foundation.on).nodes
         cell, d = mesh.cell.facet, mesh.dimension
-        points, weights = FINE[cell.dimension]
+        points, weights = cell.fine
         vectors = cell.vectors(mesh.points[facets], points)
         size = np.linalg.norm(vectors, axis=0)
         along = np.einsum("iqs,jqs->qsij", vectors / size, vectors / size)
@@ -236,7 +232,7 @@ def thermal_loads(
     """
     f, energy = np.zeros_like(mesh.points), 0.0
     for cells, uniform, curved in portions(mesh, material):
-        points, weights = RULES[mesh.dimension] if curved else mesh.cell.samples
+        points, weights = mesh.cell.quadrature if curved else mesh.cell.samples
         mapped, warm = mesh.map(cells, points), cell_temperature(mesh, heat, points, cells)
         beta, whole, *_ = thermal(uniform, mesh.strains)
         beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))

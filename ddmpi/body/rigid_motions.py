@@ -18,7 +18,6 @@ from scipy.linalg import qr
 from ddmpi.body.hinges import refuse_hinges
 from ddmpi.body.stiffness import Stiffness
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import RULES
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.motions import Motion
 from ddmpi.system.numbers import Frame, crossed, is_touched, norm
@@ -155,7 +154,7 @@ def _centroid(mesh: Mesh) -> np.ndarray:
     """(d,) centre of the area or volume."""
     measures, middle = mesh.measures(), mesh.points.mean(axis=0)
     moments = measures[:, None] * (mesh.points[mesh.corners].mean(axis=1) - middle)
-    points, weights = RULES[mesh.dimension]
+    points, weights = mesh.cell.quadrature
     for cells in mesh.summed_blocks():
         mapped = mesh.map(cells, points)
         moments[cells] = np.einsum("q,qt,qtd->td", weights, mapped.measures, mapped.places - middle)

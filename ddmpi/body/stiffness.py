@@ -8,14 +8,13 @@ time in proportion to the mesh.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import factorial
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.body.stress import Composite, gradients, portions
-from ddmpi.mesh.elements import RULES, invert
+from ddmpi.mesh.elements import invert
 from ddmpi.mesh.mesh import Mesh, tangents
 from ddmpi.scene.bodies import Material
 from ddmpi.system.numbers import is_touched
@@ -168,7 +167,7 @@ def _straight_blocks(
     """Blocks (d, d, p, t) of pairs i, j (p,) of nodes in straight cells of a plane figure or a solid: ∫ C_rkcl ∂_kφ_i
     ∂_lφ_j."""
     inverse, determinant = invert(tangents(mesh.points, mesh.corners[cells]))
-    slopes = (inverse * np.sqrt(determinant / factorial(len(inverse)))).swapaxes(
+    slopes = (inverse * np.sqrt(determinant / mesh.cell.multiple)).swapaxes(
         0, 1
     )  # ∇λ √|T|, (d, a, t)
     products = _elastic(mesh, material, slopes[:, None, :, None] * slopes[:, None])
@@ -180,7 +179,7 @@ def _curved_blocks(
     mesh: Mesh, material: Material, cells: slice | np.ndarray, i: np.ndarray, j: np.ndarray
 ) -> np.ndarray:
     """`_straight_blocks` of curved cells, or of those around an axis, by quadrature."""
-    points, weights = RULES[mesh.dimension]
+    points, weights = mesh.cell.quadrature
     mapped = mesh.map(cells, points)
     slopes = (
         mapped.slopes * np.sqrt(weights[:, None] * mapped.measures)[:, None]

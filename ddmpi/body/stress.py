@@ -12,7 +12,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from ddmpi.mesh.boundary import material_numbers
-from ddmpi.mesh.elements import RULES, exact_rule, facet_measures, invert, normals
+from ddmpi.mesh.elements import facet_measures, invert, normals
 from ddmpi.mesh.mesh import BLOCK, Facets, Mesh, tangents
 from ddmpi.scene.bodies import BodySpec, Material
 
@@ -148,9 +148,7 @@ def stress(
     """
     means = np.empty((2 * mesh.dimension, len(mesh.triangles)))
     for cells, uniform, curved in portions(mesh, material):
-        points, weights = (
-            RULES[mesh.dimension] if curved else exact_rule(mesh.dimension, mesh.order - 1)
-        )
+        points, weights = mesh.cell.quadrature if curved else (mesh.cell.middle, np.ones(1))
         sigma, shares = cell_stress(mesh, uniform, u, points, cells, curved, heat), np.ones((1, 1))
         if curved:
             shares = weights[:, None] * mesh.map(cells, points).measures

@@ -13,7 +13,7 @@ from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps
 from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
-from ddmpi.mesh.elements import REGULAR, cell_with, invert
+from ddmpi.mesh.elements import cell_with, invert
 from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.scene import Settled
@@ -71,9 +71,7 @@ def qualities(mesh: Mesh) -> np.ndarray:
     """(nt,) measures of cells over those of regular ones with edges as long in the mean: 1 for a regular cell, 0 for a
     degenerate one. Not collective."""
     mean = np.sqrt((edge_lengths(mesh) ** 2).mean(axis=1))
-    return signed_measures(mesh.points, mesh.corners) / (
-        REGULAR[mesh.dimension] * mean**mesh.dimension
-    )
+    return signed_measures(mesh.points, mesh.corners) / (mesh.cell.regular * mean**mesh.dimension)
 
 
 def doubt_cells(mesh: Mesh, name: str) -> str:

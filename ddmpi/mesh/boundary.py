@@ -145,16 +145,15 @@ class Creases(NamedTuple):
 
 
 def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Creases:
-    """The creases between facets (f, d) of `points` (n, d), of which vectors (f, d) point to their outer sides."""
-    sides = np.sort(
-        np.concatenate([np.delete(facets, k, axis=1) for k in range(facets.shape[1])]), axis=1
-    )
+    """The creases between straight facets (f, c) of `points` (n, d), of which vectors (f, d) point to their outer sides."""
+    of_facet = cell_with(facets.shape[1], points.shape[1] - 1).facets
+    sides = np.sort(np.concatenate([facets[:, side] for side in of_facet]), axis=1)
     nodes, number, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
     order, first = np.argsort(number.ravel(), kind="stable"), np.cumsum(count) - count
     first = first[count == 2]
     a, b = order[first] % len(facets), order[first + 1] % len(facets)
     ends = points[facets]
-    normal = across(outward, ends)[0]
+    normal = across(outward, ends[:, : points.shape[1]])[0]
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     turn = np.arccos(np.clip(np.einsum("cd,cd->c", normal[a], normal[b]), -1.0, 1.0))
     hollow = np.einsum("cd,cd->c", ends[b].mean(axis=1) - ends[a].mean(axis=1), normal[a]) > 0.0

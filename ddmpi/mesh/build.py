@@ -16,7 +16,7 @@ import numpy as np
 
 from ddmpi.errors import InputError, naming
 from ddmpi.mesh.boundary import combined, material_numbers
-from ddmpi.mesh.elements import NAMES
+from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
 from ddmpi.mesh.refine import Sizes, halve, raise_order
 from ddmpi.mesh.shapes import SHAPES
@@ -102,7 +102,7 @@ def _made(body: BodySpec, folder: Path, contacts: Collection[str], sizes: Sizes 
     assert spec.divisions
     d = len(spec.divisions)
     cells = float(factorial(d) * np.prod(spec.divisions, dtype=float))
-    _refuse_huge(cells, NAMES[d][1], f"{key}.divisions")
+    _refuse_huge(cells, CELLS[d, 1].names, f"{key}.divisions")
     mesh = SHAPES[spec.shape](spec)
     if not signed_measures(mesh.points, mesh.triangles).min() > 0.0:
         raise InputError(

@@ -1,44 +1,65 @@
-"""Simplices of any dimension, order 1 and 2, as data: `CELLS[d, order]`; integrals over straight and curved ones.
+"""Reference cells of order 1 and 2 as data: `CELLS[d, order]` are simplices, `BRICKS[d, order]` quadrilaterals and
+hexahedra; integrals over affine and mapped ones.
 
-Points of a cell are given by their barycentric coordinates λ_0 … λ_d. Nodes are the corners, then in order 2 the
-middles of the edges. A shape function is one at its node, zero at all others, and a polynomial Σ c_n λ^α_n with
-|α_n| = order. On a straight cell of measure |T| (length, area or volume) the gradients of λ are constant, and every
-integral is a table times |T|, by ∫ λ^α = |T| d! α! / (d + |α|)!.
+A shape is a product of simplices, its factors: one of dimension d, or d lines. Points of a cell are given by the hats
+of its corners there, which sum to one; on a simplex these are the barycentric coordinates. Their sums over the corners
+at each vertex of a factor are the barycentric coordinates λ of the point in the factor. Nodes are the corners, then in
+order 2 the middles of the edges. A shape function is one at its node, zero at all others, and a polynomial Σ c_n λ^α_n.
+On an affine cell of measure |T| (length, area or volume) the gradients of λ are constant, and every integral is a table
+times |T|, by ∫ λ^α = |T| d! α! / (d + |α|)! on a simplex; over products it is a product.
 
-A cell of order 2 is curved where middles are off the midpoints of their chords: then its shape functions φ_i map
-it, x = Σ φ_i x_i (isoparametric elements), and integrals are sums over the points of RULES and FINE.
+Other cells, as those of order 2 with middles off the midpoints of their chords, are mapped by their shape functions
+φ_i, x = Σ φ_i x_i (isoparametric elements), and integrals are sums over the points of rules.
 
 Within loops over cells components come first, as in (d, d, q, t) at q points of t cells: numpy works along the cells.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import permutations
-from math import factorial
+from math import factorial, prod
 
 import numpy as np
 
+from ddmpi.decks.cards import SIDES
+from ddmpi.mesh.rules import Rule, rules_on
 from ddmpi.system.numbers import ALIKE
 
-Rule = tuple[np.ndarray, np.ndarray]
-"""Barycentric coordinates (q, d + 1) of points, and their weights (q,), which sum to one."""
 
-EDGES = {
-    1: [(0, 1)],
-    2: [(0, 1), (1, 2), (2, 0)],
-    3: [(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)],
-}
-"""Ends of the edges by dimension; their middles are numbered in this order, which is VTK's."""
+@dataclass(frozen=True)
+class Shape:
+    """A product of simplices.
 
-FACETS: dict[int, list[tuple[int, ...]]] = {
-    1: [(1,), (0,)],
-    2: [(0, 1), (1, 2), (2, 0)],
-    3: [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)],
-}
-"""Corners of the facets by dimension, counter-clockwise from outside; in the plane the cell lies to their left."""
+    Attributes
+    ----------
+    kind : its name in files of VTK, with which SIDES has the ends of its edges
+    name, names : one and several
+    topology : XDMF's name of linear cells; those of others end in the number of their nodes
+    factors : the dimensions of the simplices
+    corners : the vertex of each factor at each corner
+    facets : corners of the facets, counter-clockwise from outside; in the plane the cell lies to their left
+    parts : nodes of order 2 at the corners of linear simplices, by which it is cut where they are given
+    """
+
+    kind: str
+    name: str
+    names: str
+    topology: str
+    factors: tuple[int, ...]
+    corners: Sequence[tuple[int, ...]]
+    facets: Sequence[tuple[int, ...]]
+    parts: Sequence[Sequence[int]] = ()
+
+    @property
+    def dimension(self) -> int:
+        return sum(self.factors)
+
+    @property
+    def edges(self) -> list[tuple[int, int]]:
+        return SIDES.get(self.kind, [])
+
 
 CUTS = {
     1: np.array([[[0, 2], [2, 1]]]),
@@ -60,26 +81,66 @@ CUTS = {
         ]
     ),
 }
-"""Ways (w, 2^d, d + 1) to cut a cell with halved edges, by dimension: its nodes of order 2 at the corners of the parts.
-In space four parts lie around one of the octahedron's three diagonals, whose ends are the first two nodes of the last
-part."""
+"""Ways (w, 2^d, d + 1) to cut a simplex with halved edges, by dimension: its nodes of order 2 at the corners of the
+parts. In space four parts lie around one of the octahedron's three diagonals, whose ends are the first two nodes of the
+last part."""
 
-NAMES = (
-    ("point", "points"),
-    ("line", "lines"),
-    ("triangle", "triangles"),
-    ("tetrahedron", "tetrahedra"),
-)
-"""One and several, by dimension."""
+POINT = Shape("vertex", "point", "points", "", (0,), [(0,)], [])
 
-TOPOLOGY = ("", "Polyline", "Triangle", "Tetrahedron")
-"""XDMF's names of linear cells, by dimension; the names of others end in the number of their nodes."""
+SIMPLICES = {
+    1: Shape("line", "line", "lines", "Polyline", (1,), [(0,), (1,)], [(1,), (0,)], CUTS[1][0]),
+    2: Shape(
+        "triangle",
+        "triangle",
+        "triangles",
+        "Triangle",
+        (2,),
+        [(0,), (1,), (2,)],
+        [(0, 1), (1, 2), (2, 0)],
+        CUTS[2][0],
+    ),
+    3: Shape(
+        "tetra",
+        "tetrahedron",
+        "tetrahedra",
+        "Tetrahedron",
+        (3,),
+        [(0,), (1,), (2,), (3,)],
+        [(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)],
+        CUTS[3][0],
+    ),
+}
+"""By dimension."""
+
+PRODUCTS = {
+    1: SIMPLICES[1],
+    2: Shape(
+        "quad",
+        "quadrilateral",
+        "quadrilaterals",
+        "Quadrilateral",
+        (1, 1),
+        [(0, 0), (1, 0), (1, 1), (0, 1)],
+        [(0, 1), (1, 2), (2, 3), (3, 0)],
+        [[0, 4, 7], [4, 1, 5], [5, 2, 6], [6, 3, 7], [4, 5, 6], [4, 6, 7]],
+    ),
+    3: Shape(
+        "hexahedron",
+        "hexahedron",
+        "hexahedra",
+        "Hexahedron",
+        (1, 1, 1),
+        [(i ^ j, j, k) for k in (0, 1) for j in (0, 1) for i in (0, 1)],
+        [(0, 3, 2, 1), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)],
+    ),
+}
+"""Products of lines, by dimension."""
 
 ORDERS = ("", "linear", "quadratic")
 """Names of elements, by order."""
 
-REGULAR = {2: 3**0.5 / 4, 3: 2**0.5 / 12}
-"""Area of the triangle, volume of the tetrahedron, with edges of length one."""
+REGULAR = {1: 1.0, 2: 3**0.5 / 4, 3: 2**0.5 / 12}
+"""Length of the line, area of the triangle, volume of the tetrahedron, with edges of length one."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +172,7 @@ class Mapped:
 
 @dataclass(frozen=True)
 class Cell:
-    """The reference simplex of one dimension d and order, with k nodes.
+    """The reference cell of a shape of dimension d with c corners, and order, with k nodes.
 
     >>> cell = CELLS[2, 2]  # corners of quadratic triangles carry no constant pressure: ∫ φ_i = 0
     >>> cell.title, cell.bears, cell.mass.sum(axis=1).round(3).tolist()
@@ -119,41 +180,61 @@ class Cell:
 
     Attributes
     ----------
-    nodes : (k, d + 1) barycentric coordinates of the nodes, corners first
-    between : (k − d − 1, order) the corners with their mean at a node that is none: of order 2 both ends of its edge
+    nodes : (k, c) hats of the corners at the nodes, corners first
+    between : (k − c, order) the corners with their mean at a node that is none: of order 2 both ends of its edge
     edges : (e, order + 1) nodes of the edges, numbered as in `CELLS[1, order]`
-    facets : (d + 1, l) nodes of the facets, numbered as in `CELLS[d - 1, order]`, turned outward
-    parts : (p, d + 1) nodes at the corners of the linear simplices into which the cell is cut
+    facets : (f, l) nodes of the facets, numbered as in `facet`, turned outward
+    powers, coefficients : (n, v) exponents α of the barycentric coordinates in all factors, and (k, n) integers c of
+        φ_i = Σ c_in λ^α_n
     samples : exact to degree 2 order − 2, at points where the stress is more accurate than elsewhere
     rule : exact to degree 2 order
-    powers, coefficients : (n, d + 1) exponents α and (k, n) integers c of φ_i = Σ c_in λ^α_n
+    quadrature : for cells that are not affine: constant stresses and volume forces are exact on curved simplices
+    fine : for loads and measures of curved facets, whose integrands are no polynomials
     """
 
+    shape: Shape
+    order: int
     nodes: np.ndarray
     between: np.ndarray
     edges: np.ndarray
     facets: np.ndarray
-    parts: np.ndarray
-    samples: Rule
-    rule: Rule
     powers: np.ndarray
     coefficients: np.ndarray
+    samples: Rule
+    rule: Rule
+    quadrature: Rule
+    fine: Rule
 
     @property
     def dimension(self) -> int:
-        return self.nodes.shape[1] - 1
+        return self.shape.dimension
 
     @property
-    def order(self) -> int:
-        return int(self.powers[0].sum())
+    def corners(self) -> int:
+        """c."""
+        return self.nodes.shape[1]
+
+    @property
+    def simplex(self) -> bool:
+        return len(self.shape.factors) == 1
+
+    @cached_property
+    def parts(self) -> np.ndarray:
+        """(p, d + 1) nodes at the corners of the linear simplices into which the cell is cut: where its shape gives none,
+        the first corner and the parts of the facets that do not have it."""
+        if self.order == 2 and len(self.shape.parts):
+            return np.asarray(self.shape.parts)
+        below = self.facet.parts if self.facets.shape[1] > 1 else np.zeros((1, 1), int)
+        opposite = self.facets[~(self.facets == 0).any(axis=1)]
+        return np.pad(opposite[:, below].reshape(-1, below.shape[1]), ((0, 0), (1, 0)))
 
     @property
     def name(self) -> str:
-        return NAMES[self.dimension][0]
+        return self.shape.name
 
     @property
     def names(self) -> str:
-        return NAMES[self.dimension][1]
+        return self.shape.names
 
     @property
     def title(self) -> str:
@@ -163,28 +244,54 @@ class Cell:
     @property
     def topology(self) -> str:
         """Name in XDMF."""
-        return TOPOLOGY[self.dimension] + f"_{len(self.nodes)}" * (not self.linear)
+        return self.shape.topology + f"_{len(self.nodes)}" * (not self.linear)
 
     @property
     def facet(self) -> Cell:
         """The cell of the facets."""
-        return CELLS[self.dimension - 1, self.order]
+        return cell_with(self.facets.shape[1], self.dimension - 1)
+
+    @property
+    def straight(self) -> Cell:
+        """The cell of order 1 with its corners."""
+        return self.of_order(1)
+
+    def of_order(self, order: int) -> Cell:
+        """The cell of this order with its corners."""
+        return (CELLS if self.simplex else BRICKS)[self.dimension, order]
 
     @property
     def linear(self) -> bool:
-        """Whether its shape functions are linear: its edges are straight, and stresses in it constant."""
+        """Whether its shape functions are hats: its edges are straight, and stresses in simplices constant."""
         return self.order == 1
+
+    @property
+    def middle(self) -> np.ndarray:
+        """(1, c) the centroid, where the stress of a straight simplex is its mean."""
+        return np.full((1, self.corners), 1.0 / self.corners)
 
     @property
     def bears(self) -> bool:
         """Whether a constant pressure acts on all nodes: ∫ φ_i > 0, unlike at corners of quadratic triangles."""
-        return bool((self.coefficients @ _products(self.powers) > 0.0).all())  # integers
+        return bool(
+            (self.coefficients @ self._products(self.powers, self.order) > 0.0).all()
+        )  # integers
+
+    @property
+    def multiple(self) -> int:
+        """How often the cell fits into the parallelepiped of its tangents: d! times a simplex."""
+        return prod(map(factorial, self.shape.factors))
+
+    @property
+    def regular(self) -> float:
+        """The measure of a regular cell with edges of length one."""
+        return prod(REGULAR[d] for d in self.shape.factors)
 
     def bends(self, nodes: np.ndarray, least: float = ALIKE) -> np.ndarray:
-        """Offsets (…, k − d − 1, D) of all nodes but the corners from the means `between`, of cells with `nodes`
+        """Offsets (…, k − c, D) of all nodes but the corners from the means `between`, of cells with `nodes`
         (…, k, D) (m). Exactly zero up to the fraction `least` of the distance of the corners."""
         corners = nodes[..., self.between, :]
-        off = nodes[..., self.dimension + 1 :, :] - corners.mean(axis=-2)
+        off = nodes[..., self.corners :, :] - corners.mean(axis=-2)
         bent = np.linalg.norm(off, axis=-1) > least * np.linalg.norm(
             np.ptp(corners, axis=-2), axis=-1
         )
@@ -195,15 +302,29 @@ class Cell:
         return nodes[:, self.parts].swapaxes(0, 1).reshape(-1, self.parts.shape[1])
 
     @cached_property
+    def _vertices(self) -> np.ndarray:
+        """(c, v) hats to barycentric coordinates of all factors: one where a corner is at a factor's vertex."""
+        return _vertices(self.shape)
+
+    @cached_property
+    def _bases(self) -> tuple[np.ndarray, np.ndarray]:
+        """(d,) numbers of the barycentric coordinates λ_1, λ_2, … of all factors, and of the λ_0 of each."""
+        starts = np.cumsum([0, *(d + 1 for d in self.shape.factors)])[:-1]
+        first = np.repeat(starts, self.shape.factors)
+        return np.setdiff1d(np.arange(self.powers.shape[1]), starts), first
+
+    @cached_property
     def mass(self) -> np.ndarray:
-        """(k, d + 1) ∫ φ_i λ_a over a cell of measure one."""
-        # λ_a φ_i = Σ c λ^(α + e_a), and ∫ λ^β = β! d!/(d + |β|)! over a simplex of measure one.
-        higher = self.powers[:, None] + np.eye(self.dimension + 1, dtype=int)
-        return self.coefficients @ _products(higher) * self._scale(self.order + 1)
+        """(k, c) ∫ φ_i times the hats over a cell of measure one."""
+        higher = self.powers[:, None] + self._vertices
+        return (
+            self.coefficients @ self._products(higher, self.order + 1) * self._scale(self.order + 1)
+        )
 
     @cached_property
     def stiffness(self) -> np.ndarray:
-        """w (k, k, d, d) with ∫ ∇φ_i ⊗ ∇φ_j = Σ_ab w_ijab ∇λ_a ⊗ ∇λ_b, a, b ≥ 1, over a cell of measure one.
+        """w (k, k, d, d) with ∫ ∇φ_i ⊗ ∇φ_j = Σ_ab w_ijab ∇λ_a ⊗ ∇λ_b, without λ_0 of each factor, over an affine cell
+        of measure one.
 
         Zeros are exact: all that is summed are integers over the same denominator.
         """
@@ -211,177 +332,143 @@ class Cell:
             self.coefficients[..., None] * self.powers
         )  # ∂φ_i/∂λ_a = Σ_n scaled_ina λ^(α_n − e_a)
         # Products of derivatives are monomials with exponents α_n − e_a + α_m − e_b; where α_na = 0 the factor is zero.
-        products = _products(self._lower[:, :, None, None] + self._lower)
+        degree = 2 * self.order - 2 * self.simplex
+        products = self._products(self._lower[:, :, None, None] + self._lower, degree)
         w = np.einsum("ina,jmb,namb->ijab", scaled, scaled, products)
-        w = (
-            w[:, :, 1:, 1:] - w[:, :, 1:, :1] - w[:, :, :1, 1:] + w[:, :, :1, :1]
-        )  # as λ_0 = 1 − λ_1 − …
-        return w * self._scale(2 * self.order - 2)
+        rest, first = self._bases
+        w = w[:, :, rest] - w[:, :, first]  # as λ_0 = 1 − λ_1 − …
+        return (w[..., rest] - w[..., first]) * self._scale(degree)
 
     @property
     def _lower(self) -> np.ndarray:
-        """α_n − e_a (n, d + 1, d + 1)."""
-        return np.maximum(self.powers[:, None] - np.eye(self.dimension + 1, dtype=int), 0)
+        """α_n − e_a (n, v, v)."""
+        return np.maximum(self.powers[:, None] - np.eye(self.powers.shape[1], dtype=int), 0)
+
+    def _products(self, powers: np.ndarray, degree: int) -> np.ndarray:
+        """∫ λ^α (…) over a cell of measure one for exponents (…, v), over `_scale`: integers."""
+        # On each factor ∫ λ^α = α! d!/(d + |α|)!, with α! = Π α_a!.
+        ends = np.cumsum([d + 1 for d in self.shape.factors])[:-1]
+        products = FACTORIALS[powers].prod(axis=-1)
+        for d, part in zip(self.shape.factors, np.split(powers, ends, axis=-1), strict=True):
+            products = products * (FACTORIALS[d + degree] / FACTORIALS[d + part.sum(axis=-1)])
+        return products
 
     def _scale(self, degree: int) -> float:
-        """∫ λ^α / α! for |α| = `degree`, over a cell of measure one."""
-        return factorial(self.dimension) / factorial(self.dimension + degree)
+        """∫ λ^α / α! for exponents that sum up to `degree` on each factor, over a cell of measure one."""
+        return prod(factorial(d) / factorial(d + degree) for d in self.shape.factors)
 
-    def shapes(self, barycentric: np.ndarray) -> np.ndarray:
-        """The shape functions (…, k) at points given by their barycentric coordinates (…, d + 1)."""
-        return (barycentric[..., None, :] ** self.powers).prod(axis=-1) @ self.coefficients.T
+    def hats_at(self, coordinates: np.ndarray) -> np.ndarray:
+        """The hats (…, c) at points given by the barycentric coordinates (…, v) in all factors."""
+        return (coordinates[..., None, :] ** self._vertices).prod(axis=-1)
 
-    def derivatives(self, barycentric: np.ndarray) -> np.ndarray:
-        """∂φ_i/∂λ_a (d, q, k) at points (q, d + 1), for a = 1 … d with λ_0 = 1 − λ_1 − …."""
-        terms = (barycentric[:, None, None] ** self._lower).prod(
-            axis=-1
-        ) * self.powers  # (q, n, d + 1)
+    def shapes(self, hats: np.ndarray) -> np.ndarray:
+        """The shape functions (…, k) at points given by the hats (…, c) there."""
+        coordinates = hats @ self._vertices
+        return (coordinates[..., None, :] ** self.powers).prod(axis=-1) @ self.coefficients.T
+
+    def derivatives(self, hats: np.ndarray) -> np.ndarray:
+        """∂φ_i/∂λ_a (d, q, k) at points (q, c), for λ_1, λ_2, … of each factor with λ_0 = 1 − λ_1 − …."""
+        coordinates = hats @ self._vertices
+        terms = (coordinates[:, None, None] ** self._lower).prod(axis=-1) * self.powers  # (q, n, v)
         slopes = np.einsum("qna,in->aqi", terms, self.coefficients)
-        return slopes[1:] - slopes[:1]
+        rest, first = self._bases
+        return slopes[rest] - slopes[first]
 
-    def tangents(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
-        """∂x/∂λ_a (d, D, q, t) at points (q, d + 1) of t cells in space of dimension D, with `nodes` (t, k, D) (m)."""
-        return self.derivatives(barycentric)[:, None] @ np.ascontiguousarray(
-            nodes.transpose(2, 1, 0)
-        )
+    def tangents(self, nodes: np.ndarray, hats: np.ndarray) -> np.ndarray:
+        """∂x/∂λ_a (d, D, q, t) at points (q, c) of t cells in space of dimension D, with `nodes` (t, k, D) (m)."""
+        return self.derivatives(hats)[:, None] @ np.ascontiguousarray(nodes.transpose(2, 1, 0))
 
-    def map(self, nodes: np.ndarray, barycentric: np.ndarray, axisymmetric: bool = False) -> Mapped:
-        """Points (q, d + 1) of cells whose `nodes` (t, k, d) need not lie on straight edges (m)."""
-        inverse, determinant = invert(self.tangents(nodes, barycentric))
-        shapes = self.shapes(barycentric)
+    def map(self, nodes: np.ndarray, hats: np.ndarray, axisymmetric: bool = False) -> Mapped:
+        """Points (q, c) of cells whose `nodes` (t, k, d) need not lie on straight edges (m)."""
+        inverse, determinant = invert(self.tangents(nodes, hats))
+        shapes = self.shapes(hats)
         places = np.moveaxis(shapes @ nodes.transpose(2, 1, 0), 0, -1)
-        measures = determinant / factorial(self.dimension) * circumference(places, axisymmetric)
+        measures = determinant / self.multiple * circumference(places, axisymmetric)
         return Mapped(
             places,
             measures,
-            self.derivatives(barycentric),
+            self.derivatives(hats),
             inverse,
             shapes if axisymmetric else None,
         )
 
-    def vectors(self, nodes: np.ndarray, barycentric: np.ndarray) -> np.ndarray:
+    def vectors(self, nodes: np.ndarray, hats: np.ndarray) -> np.ndarray:
         """Normal vectors (d + 1, q, t) of facets in space of dimension d + 1, with `nodes` (t, k, d + 1) (m).
 
-        Of facets of `CELLS` they point outward. Lengths are those of measures over that of the reference cell, one.
+        Of facets of cells they point outward. Lengths are those of measures over that of the reference cell, one.
         """
-        return cross(self.tangents(nodes, barycentric)) / factorial(self.dimension)
+        return cross(self.tangents(nodes, hats)) / self.multiple
 
 
-def _products(powers: np.ndarray) -> np.ndarray:
-    """α! = Π α_a! of exponents (…, d + 1)."""
-    return np.array([1.0, 1.0, 2.0, 6.0, 24.0])[powers].prod(axis=-1)
+FACTORIALS = np.array([float(factorial(k)) for k in range(12)])
 
 
-def _orbits(dimension: int, *orbits: tuple[float, float, int]) -> Rule:
-    """A rule from weights and barycentric coordinates: a value, how often it stands, and equal ones for the rest. All
-    permutations of them are points."""
-    points = [
-        sorted(set(permutations([value] * times + [(1.0 - times * value) / rest] * rest)))
-        for _, value, times in orbits
-        for rest in [dimension + 1 - times]
-    ]
-    return np.concatenate(points), np.repeat(
-        [weight for weight, *_ in orbits], [len(orbit) for orbit in points]
+def _vertices(shape: Shape) -> np.ndarray:
+    """`Cell._vertices`."""
+    return np.concatenate(
+        [
+            np.eye(d + 1, dtype=int)[[corner[k] for corner in shape.corners]]
+            for k, d in enumerate(shape.factors)
+        ],
+        axis=1,
     )
 
 
-def _collapsed(dimension: int) -> Rule:
-    """Gauss's five points along each edge of a cube mapped to the simplex (Duffy 1982): exact to degree 10 − d."""
-    at, weights = (values / 2 for values in np.polynomial.legendre.leggauss(5))
-    at, points, weight = 0.5 + at, np.ones((1, 1)), np.ones(1)
-    # Split off one coordinate at a time: λ_last → λ_last (1 − t), λ_last t. The Jacobian is t^(rest − 1), and the
-    # factor `rest` makes the weights sum to one.
-    for rest in range(dimension, 0, -1):
-        points, last, t = (
-            points[:, :-1].repeat(5, axis=0),
-            points[:, -1].repeat(5),
-            np.tile(at, len(points)),
-        )
-        points = np.column_stack([points, last * (1.0 - t), last * t])
-        weight = np.outer(weight, weights * rest * at ** (rest - 1)).ravel()
-    return points, weight
-
-
-FIRST = {
-    dimension: (np.full((1, dimension + 1), 1.0 / (dimension + 1)), np.ones(1))
-    for dimension in EDGES
-}
-"""The centroid, where the stress of a straight cell is its mean."""
-
-SECOND = {d: _orbits(d, (1.0 / (d + 1), (1.0 - (d + 2) ** -0.5) / (d + 1), d)) for d in EDGES}
-"""d + 1 points, exact to degree 2."""
-
-RULES = {
-    2: _orbits(
-        2, (0.223381589678011, 0.445948490915965, 2), (0.109951743655322, 0.091576213509771, 2)
-    ),
-    3: _orbits(
-        3,
-        (0.112687925718015851, 0.310885919263300610, 3),
-        (0.0734930431163619495, 0.0927352503108912264, 3),
-        (0.0425460207770814664, 0.0455037041256496495, 2),
-    ),
-}
-"""Exact to degree 4 in the plane (Dunavant 1985), 5 in space (Walkington 2000). On curved cells ∫ σ : ε(φ_i) of a
-constant stress needs degree d and ∫ φ_i degree d + 2, so that constant stresses and volume forces are exact."""
-
-FINE = {dimension: _collapsed(dimension) for dimension in EDGES}
-"""For loads and measures of curved facets, whose integrands are no polynomials."""
-
-
-def exact_rule(dimension: int, degree: int) -> Rule:
-    """The rule with the fewest points among these that is exact to a degree."""
-    rules = [FIRST, FIRST, SECOND, RULES, RULES, *[FINE] * 5][degree]
-    return rules.get(dimension, FINE[dimension])
-
-
-def _means(dimension: int, order: int) -> list[tuple[int, ...]]:
+def _means(shape: Shape, order: int) -> list[tuple[int, ...]]:
     """The corners with their mean at a node: a corner itself, then, of order 2, both ends of an edge."""
-    return [(k,) * order for k in range(dimension + 1)] + EDGES.get(dimension, []) * (order == 2)
+    return [(k,) * order for k in range(len(shape.corners))] + shape.edges * (order == 2)
 
 
-def _lagrange(dimension: int, order: int) -> Cell:
-    """The simplex with the nodes of `_means`."""
-    means = _means(dimension, order)
+def _lagrange(shapes: Mapping[int, Shape], dimension: int, order: int) -> Cell:
+    """The cell of one of the shapes, with the nodes of `_means`."""
+    shape, facet = shapes[dimension], shapes.get(dimension - 1, POINT)
+    means, vertices = _means(shape, order), _vertices(shape)
     number = {tuple(sorted(mean)): k for k, mean in enumerate(means)}
 
-    def nodes_of(corners: tuple[int, ...]) -> list[int]:
-        return [
-            number[tuple(sorted(corners[k] for k in mean))]
-            for mean in _means(len(corners) - 1, order)
-        ]
+    def nodes_of(part: Shape, corners: tuple[int, ...]) -> list[int]:
+        return [number[tuple(sorted(corners[k] for k in mean))] for mean in _means(part, order)]
 
     edges, facets = (
-        np.array([nodes_of(part) for part in every])
-        for every in (EDGES[dimension], FACETS[dimension])
+        np.array([nodes_of(part, corners) for corners in every])
+        for part, every in ((SIMPLICES[1], shape.edges), (facet, shape.facets))
     )
-    powers = np.array([np.bincount(mean, minlength=dimension + 1) for mean in means])
+    powers = np.array([vertices[list(mean)].sum(axis=0) for mean in means])
+    hats = np.array([np.bincount(mean, minlength=len(vertices)) for mean in means]) / order
+    if len(shape.factors) > 1:  # serendipity: quadratic along an edge alone
+        powers = np.minimum(powers, 1)
     # Values of the monomials at the nodes; the inverse has the coefficients of the shape functions, which are integers.
-    values = ((powers[:, None] / order) ** powers).prod(axis=-1)
+    values = ((hats @ vertices)[:, None] ** powers).prod(axis=-1)
     return Cell(
-        powers / order,
-        np.array(means[dimension + 1 :], int).reshape(-1, order),
+        shape,
+        order,
+        hats,
+        np.array(means[len(vertices) :], int).reshape(-1, order),
         edges,
         facets,
-        np.arange(dimension + 1)[None] if order == 1 else CUTS[dimension][0],
-        exact_rule(dimension, 2 * order - 2),
-        exact_rule(dimension, 2 * order),
         powers,
         np.round(np.linalg.inv(values)).T,
+        *rules_on(shape.factors, order, vertices),
     )
 
 
-CELLS = {(dimension, order): _lagrange(dimension, order) for dimension in EDGES for order in (1, 2)}
-"""By dimension and order."""
+CELLS, BRICKS = (
+    {(d, order): _lagrange(shapes, d, order) for d in shapes for order in (1, 2)}
+    for shapes in (SIMPLICES, PRODUCTS)
+)
+"""Simplices, and products of lines, by dimension and order."""
+
+_WITH: dict[tuple[int, int | None], Cell] = {
+    (len(cell.nodes), d): cell
+    for cells in (BRICKS, CELLS)
+    for d in (None, 1, 2, 3)
+    for (dimension, _), cell in cells.items()
+    if d in (None, dimension)
+}
 
 
 def cell_with(number: int, dimension: int | None = None) -> Cell:
-    """The cell with this number of nodes, of a dimension or else of the largest one."""
-    return next(
-        cell
-        for (d, _), cell in reversed(CELLS.items())
-        if len(cell.nodes) == number and dimension in (None, d)
-    )
+    """The cell with this number of nodes, of a dimension or else, a simplex if there is one, of the largest."""
+    return _WITH[number, dimension]
 
 
 def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
@@ -422,7 +509,7 @@ def facet_cell(facets: np.ndarray) -> Cell:
 def normals(facets: np.ndarray) -> np.ndarray:
     """Outer normals (s, d) of plane facets by their corners (s, d, d), as long as their measures (m or m²)."""
     cell = facet_cell(facets)
-    return cell.vectors(facets, FIRST[cell.dimension][0])[:, 0].T
+    return cell.vectors(facets, cell.middle)[:, 0].T
 
 
 def curved_facets(facets: np.ndarray) -> np.ndarray:
@@ -442,10 +529,11 @@ def facet_measures(facets: np.ndarray, axisymmetric: bool = False) -> np.ndarray
 
 def facet_shares(facets: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """∫ φ_i (s, l) over facets with nodes (s, l, D) (m or m²)."""
-    cell, bent = facet_cell(facets), curved_facets(facets) | axisymmetric
-    (centre, _), (points, weights) = FIRST[cell.dimension], FINE[cell.dimension]
+    cell = facet_cell(facets)
+    bent = curved_facets(facets) | axisymmetric | (not cell.simplex)
+    points, weights = cell.fine
     shares = np.outer(
-        np.linalg.norm(cell.vectors(facets, centre)[:, 0], axis=0), cell.mass.sum(axis=1)
+        np.linalg.norm(cell.vectors(facets, cell.middle)[:, 0], axis=0), cell.mass.sum(axis=1)
     )
     size = np.linalg.norm(cell.vectors(facets[bent], points), axis=0).T
     shapes = cell.shapes(points)

@@ -27,7 +27,7 @@ from ddmpi.mesh.boundary import (
     parts_of,
     samples,
 )
-from ddmpi.mesh.elements import CELLS, REGULAR
+from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh
 from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
 from ddmpi.mesh.refine import GRADE, Sizes
@@ -334,7 +334,7 @@ def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) ->
         ("size", largest, whole),
         ("contact_size", finest, min(whole, band)),
     ):
-        cells = covered / (REGULAR[d] * size**d)
+        cells = covered / (CELLS[d, 1].regular * size**d)
         if cells > TOO_MANY:
             extents = " by ".join(f"{length:.3g}" for length in np.diff(box(gmsh), axis=0)[0, :d])
             raise InputError(

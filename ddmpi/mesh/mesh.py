@@ -10,7 +10,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
-from math import factorial
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -18,7 +17,7 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError, nearest
-from ddmpi.mesh.elements import FACETS, RULES, Cell, Mapped, cell_with, cross
+from ddmpi.mesh.elements import CELLS, Cell, Mapped, cell_with, cross
 from ddmpi.system.numbers import in_words
 
 T = TypeVar("T")
@@ -117,8 +116,8 @@ class Mesh:
 
     @property
     def corners(self) -> np.ndarray:
-        """(nt, d + 1) the nodes at the corners of the cells."""
-        return self.triangles[:, : self.dimension + 1]
+        """(nt, c) the nodes at the corners of the cells."""
+        return self.triangles[:, : self.cell.corners]
 
     @cached_property
     def curved(self) -> np.ndarray:
@@ -129,7 +128,7 @@ class Mesh:
             nodes = self.triangles[first : first + BLOCK].T
             for x in self.points.T:
                 straight = x[nodes[self.cell.between]].mean(axis=1)
-                off[first : first + BLOCK] |= (x[nodes[self.dimension + 1 :]] != straight).any(
+                off[first : first + BLOCK] |= (x[nodes[self.cell.corners :]] != straight).any(
                     axis=0
                 )
         cells = np.flatnonzero(off)
@@ -153,7 +152,7 @@ class Mesh:
     @cached_property
     def pieces(self) -> int:
         """How many pieces have no node in common."""
-        links = self.corners[:, [[k, k + 1] for k in range(self.dimension)]].reshape(-1, 2)
+        links = self.corners[:, [[k, k + 1] for k in range(self.cell.corners - 1)]].reshape(-1, 2)
         return len(np.unique(connected(links, len(self.points))[self.corners]))
 
     @cached_property
@@ -231,8 +230,9 @@ class Mesh:
 
     @property
     def summed(self) -> np.ndarray:
-        """(nc,) the cells whose integrals need quadrature: curved ones, around an axis all."""
-        return np.arange(len(self.triangles)) if self.axisymmetric else self.curved
+        """(nc,) the cells whose integrals need quadrature: curved ones, around an axis all, and all that are no simplices."""
+        affine = self.cell.simplex and not self.axisymmetric
+        return self.curved if affine else np.arange(len(self.triangles))
 
     @property
     def on_axis(self) -> np.ndarray:
@@ -249,16 +249,14 @@ class Mesh:
         cells = self.summed
         return [cells[start : start + BLOCK] for start in range(0, len(cells), BLOCK)]
 
-    def map(self, cells: np.ndarray | slice, barycentric: np.ndarray) -> Mapped:
-        """Cells (numbers or a slice), curved or not, at their points `barycentric` (q, d + 1)."""
-        return self.cell.map(self.points[self.triangles[cells]], barycentric, self.axisymmetric)
+    def map(self, cells: np.ndarray | slice, hats: np.ndarray) -> Mapped:
+        """Cells (numbers or a slice), curved or not, at their points with `hats` (q, c)."""
+        return self.cell.map(self.points[self.triangles[cells]], hats, self.axisymmetric)
 
     def measures(self) -> np.ndarray:
         """(nt,) areas or volumes of the cells, around an axis those of rings (m² or m³)."""
-        measures, (points, weights) = (
-            signed_measures(self.points, self.corners),
-            RULES[self.dimension],
-        )
+        measures = signed_measures(self.points, self.corners)
+        points, weights = self.cell.quadrature
         for cells in self.summed_blocks():
             measures[cells] = weights @ self.map(cells, points).measures
         return measures
@@ -283,7 +281,7 @@ def _facets(
     """What `boundary_facets` gives, and the pairs (i, 2) of cells that have a facet in common."""
     cell = cell_with(cells.shape[1], dimension)
     facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])
-    corners = np.sort(facets[:, : cell.dimension], axis=1).T
+    corners = np.sort(facets[:, : cell.straight.facets.shape[1]], axis=1).T
     order = np.lexsort(corners)
     new = (np.diff(corners[:, order], prepend=-1, append=-1) != 0).any(axis=0)
     alone, beside = np.sort(order[new[:-1] & new[1:]]), np.flatnonzero(~new[1:-1])
@@ -299,46 +297,46 @@ def connected(links: np.ndarray, count: int) -> np.ndarray:
 
 def turn_outward(mesh: Mesh, facets: np.ndarray) -> Facets:
     """Facets (k, l) on the boundary of a mesh. Raises InputError for inner ones."""
-    d, marked, (outer, owners) = (
-        mesh.dimension,
-        np.zeros(len(mesh.points), dtype=bool),
-        mesh.boundary,
-    )
+    (outer, owners), corners = mesh.boundary, mesh.cell.straight.facets.shape[1]
+    marked = np.zeros(len(mesh.points), dtype=bool)
     marked[facets] = True
     near = np.flatnonzero(marked[outer].all(axis=1))
     outer, owners = outer[near], owners[near]
     # a facet is found on the boundary by the set of its corners, whatever their order
     _, number = np.unique(
-        np.sort(np.concatenate([outer[:, :d], facets[:, :d]])), axis=0, return_inverse=True
+        np.sort(np.concatenate([outer[:, :corners], facets[:, :corners]])),
+        axis=0,
+        return_inverse=True,
     )
     place = np.full(len(number), -1)
     place[number.ravel()[: len(outer)]] = np.arange(len(outer))
     at = place[number.ravel()[len(outer) :]]
     if (at < 0).any():
-        inner = in_words(mesh.points[facets[at < 0][0, :d]].mean(axis=0))
+        inner = in_words(mesh.points[facets[at < 0][0, :corners]].mean(axis=0))
         raise InputError(
             f"the group has {mesh.cell.facet.names} that are not on the body's boundary, as at {inner}"
         )
     return Facets(outer[at], owners[at], facets[:, 0], near[at])
 
 
-def signed_measures(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """The areas or volumes (nt,) of straight cells (m² or m³) with `points` (nv, d) at the first d + 1 of their
-    `corners` (nt, ·), negative for inverted ones."""
-    edges = tangents(points, corners)
-    return (edges[0] * cross(edges[1:])).sum(axis=0) / factorial(len(edges))
+def signed_measures(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """The areas or volumes (nt,) of straight `cells` (nt, k) with `points` (nv, d) (m² or m³), negative for inverted
+    ones; of hexahedra that are no parallelepipeds those of the tangents at their middles."""
+    edges = tangents(points, cells)
+    multiple = cell_with(cells.shape[1], points.shape[1]).multiple
+    return (edges[0] * cross(edges[1:])).sum(axis=0) / multiple
 
 
-def tangents(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """∂x/∂λ_a (d, d, nt) of straight cells as in `signed_measures` (m): edges from their first corners."""
-    x = np.take(points.T, corners[:, : points.shape[1] + 1].T, axis=1)
-    return (x[:, 1:] - x[:, :1]).swapaxes(0, 1)
+def tangents(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """∂x/∂λ_a (d, d, nt) at the middles of straight cells as in `signed_measures` (m)."""
+    cell = cell_with(cells.shape[1], points.shape[1]).straight
+    return cell.tangents(points[cells[:, : cell.corners]], cell.middle)[:, :, 0]
 
 
 def refuse_overlaps(mesh: Mesh, label: str) -> None:
     """Raise InputError, after `label`, where two cells lie on the same side of a facet. Not collective."""
     d = mesh.dimension
-    facets = mesh.corners[:, np.array(FACETS[d])].reshape(-1, d)
+    facets = mesh.corners[:, CELLS[d, 1].facets].reshape(-1, d)
     # Two cells on either side of a facet traverse it in opposite directions. Equal corners with equal parity are two
     # cells on the same side.
     odd = sum(facets[:, i] > facets[:, j] for i, j in combinations(range(d), 2)) % 2
@@ -355,7 +353,7 @@ def refuse_overlaps(mesh: Mesh, label: str) -> None:
 
 def refuse_folded(mesh: Mesh, key: str) -> None:
     """Raise InputError, naming `key`, where a curved cell is not mapped one to one. Not collective."""
-    points = np.concatenate([RULES[mesh.dimension][0], np.eye(mesh.dimension + 1)])
+    points = np.concatenate([mesh.cell.quadrature[0], np.eye(mesh.cell.corners)])
     for cells in mesh.summed_blocks():
         least = mesh.map(cells, points).measures.min(axis=0)
         if (least <= 0.0).any():

@@ -10,7 +10,7 @@ from scipy.sparse import csgraph
 
 from ddmpi.decks.cards import FACES, SIDES
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, CUTS, EDGES, cell_with
+from ddmpi.mesh.elements import CELLS, CUTS, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.system.numbers import SAME
 
@@ -71,40 +71,39 @@ def raise_order(mesh: Mesh, key: str, order: int = 2) -> Mesh:
         return mesh
     size = len(mesh.points)
 
-    def keys(cells: np.ndarray) -> np.ndarray:
-        corners = np.sort(cells[:, CELLS[cells.shape[1] - 1, order].between])
+    def keys(cells: np.ndarray, d: int) -> np.ndarray:
+        corners = np.sort(cells[:, cell_with(cells.shape[1], d).of_order(order).between])
         return np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), (size,) * order)
 
-    def raised(groups: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    def of_groups(groups: dict[str, np.ndarray], d: int) -> dict[str, np.ndarray]:
         result = {}
         for name, facets in groups.items():
-            wanted = keys(facets)
+            wanted = keys(facets, d)
             place = np.minimum(np.searchsorted(new, wanted), len(new) - 1)
             if not np.array_equal(new[place], wanted):
                 raise InputError(
-                    f"{key}: the group {name!r} has {cell_with(facets.shape[1]).names} that are not "
+                    f"{key}: the group {name!r} has {cell_with(facets.shape[1], d).names} that are not "
                     f"sides of {mesh.cell.names}"
                 )
             result[name] = np.column_stack([facets, size + place])
         return result
 
-    of_cells = keys(mesh.triangles)
+    of_cells = keys(mesh.triangles, mesh.dimension)
     new, number = np.unique(of_cells, return_inverse=True)
     between = np.unravel_index(new, (size,) * order)
     points = np.concatenate([mesh.points, sum(mesh.points[corner] for corner in between) / order])
     cells = np.column_stack([mesh.triangles, size + number.reshape(of_cells.shape)])
-    return replace(
-        mesh, points=points, triangles=cells, groups=raised(mesh.groups), curves=raised(mesh.curves)
-    )
+    groups, curves = of_groups(mesh.groups, mesh.dimension - 1), of_groups(mesh.curves, 1)
+    return replace(mesh, points=points, triangles=cells, groups=groups, curves=curves)
 
 
 def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
-    """The straight mesh with its nodes moved off by `bends` (nt, k − d − 1, d) (m), as of `Cell.bends`.
+    """The straight mesh with its nodes moved off by `bends` (nt, k − c, d) (m), as of `Cell.bends`.
 
     Cells that share a node have the same bend for it, or zero, which does not count.
     """
     bent, points = bends.any(axis=2), mesh.points.copy()
-    points[mesh.triangles[:, mesh.dimension + 1 :][bent]] += bends[bent]
+    points[mesh.triangles[:, mesh.cell.corners :][bent]] += bends[bent]
     return replace(mesh, points=points)
 
 
@@ -134,7 +133,7 @@ def halve(mesh: Mesh, key: str) -> Mesh:
     )
     shapes = mesh.cell.shapes(mesh.cell.nodes @ fine.cell.nodes[ways])  # at the nodes of the parts
     shares = mesh.cell.bends(shapes, 0.0)[
-        ..., d + 1 :
+        ..., mesh.cell.corners :
     ]  # what bends of a cell give those of its parts
     bends = np.zeros((len(parts), number, len(mesh.cell.between), d))
     for cells in mesh.summed_blocks():
@@ -157,7 +156,7 @@ def simplices(
         shape, corners, middles = _of_kind(raw, kind)
         parts = _cuts(points, corners, shape, rank[corners])
         cells.append(np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1))
-        bow = np.zeros((*parts.shape[:2], len(EDGES[d]) * curved, points.shape[1]))
+        bow = np.zeros((*parts.shape[:2], len(CELLS[d, 1].edges) * curved, points.shape[1]))
         if curved and kind != shape and len(corners):
             ends = corners[:, np.array(SIDES[shape])]
             off = CELLS[1, 2].bends(
@@ -165,7 +164,7 @@ def simplices(
             )[:, :, 0]
             bent = np.flatnonzero(off.any(axis=(1, 2)))
             between = np.einsum("ijs,nsc->nijc", _weights(shape, corners.shape[1]), off[bent])
-            i, j = np.moveaxis(parts[bent][:, :, EDGES[d]], -1, 0)
+            i, j = np.moveaxis(parts[bent][:, :, CELLS[d, 1].edges], -1, 0)
             bow[bent] = between[np.arange(len(bent))[:, None, None], i, j]
         bows.append(bow.reshape(parts.shape[0] * parts.shape[1], *bow.shape[2:]))
         element.append(before + np.repeat(np.arange(len(corners)), parts.shape[1]))
@@ -201,7 +200,7 @@ def middle_nodes(raw, d: int) -> tuple[np.ndarray, np.ndarray]:
 
 def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
     """`sizes` (nt,) of the cells as sizes at the corners, which grow by no more than GRADE. Not collective."""
-    measure, n = signed_measures(mesh.points, mesh.corners), mesh.dimension + 1
+    measure, n = signed_measures(mesh.points, mesh.corners), mesh.cell.corners
     used, corners = np.unique(mesh.corners, return_inverse=True)
     corners, points, k = corners.reshape(-1, n), mesh.points[used], len(used)
     weight = np.bincount(corners.ravel(), np.repeat(measure, n))

@@ -65,7 +65,9 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     if spec.closed:  # sides from the last nodes to the first go on to a whole turn
         angles = parameters[mesh.triangles[:, mesh.cell.between], 1]
         over = np.ptp(angles, axis=2) > 0.5
-        mesh.points[mesh.triangles[:, 3:][over], 1] += (angles[over] == 0.0).mean(axis=1)
+        mesh.points[mesh.triangles[:, mesh.cell.corners :][over], 1] += (angles[over] == 0.0).mean(
+            axis=1
+        )
     radius = _between(*spec.radii, mesh.points[:, 0])
     points = np.array(spec.center) + radius[:, None] * _directions(
         _between(*spec.angles, mesh.points[:, 1])

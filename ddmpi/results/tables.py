@@ -16,7 +16,7 @@ import numpy as np
 from ddmpi.errors import DdmpiError, InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState, signed
-from ddmpi.mesh.elements import FIRST, cell_with, circumference, facet_measures
+from ddmpi.mesh.elements import cell_with, circumference, facet_measures
 from ddmpi.system.files import contact_files, write_atomically, writing
 
 Columns = dict[str, np.ndarray]
@@ -138,7 +138,7 @@ def write_sides(path: Path, name: str, state: ContactState) -> None:
     xy, facets = state.interface.xy, state.interface.geometry.facets
     cell = cell_with(facets.shape[1], xy.shape[1] - 1)
     middle, places = (
-        facets[:, (cell.nodes == FIRST[cell.dimension][0]).all(axis=1)].ravel(),
+        facets[:, (cell.nodes == cell.middle).all(axis=1)].ravel(),
         xy[facets],
     )
     if len(middle) == 0:

@@ -87,8 +87,8 @@ class Side:
 
     @property
     def corners(self) -> np.ndarray:
-        """(f, d) the nodes at the corners of the facets."""
-        return self.facets[:, : self.dimension]
+        """(f, c) the nodes at the corners of the facets."""
+        return self.facets[:, : self.cell.corners]
 
     def shifted(self, shift: np.ndarray, body: str) -> Side:
         """The side of a body of this name that is elsewhere, by a shift (d,) in metres."""

@@ -8,13 +8,13 @@ from ddmpi.body.estimate import estimate_error
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import Composite, stress, stress_at
 from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.elements import RULES
+from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import bend, halve
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec
 from ddmpi.scene.values import AffineScalar
 
-POINTS, _ = RULES[2]
+POINTS, _ = CELLS[2, 2].quadrature
 STEEL = Material(young=2.1e11, poisson=0.3)
 INNER, OUTER = 0.5, 1.0
 LINEAR = np.array([[1e-3, 2e-4], [-3e-4, 5e-4]])

@@ -19,7 +19,7 @@ from ddmpi.body.estimate import (
     sum_errors,
 )
 from ddmpi.body.stress import Composite, components, energy_density, stress, stress_at
-from ddmpi.mesh.elements import CELLS, CUTS, FINE
+from ddmpi.mesh.elements import CELLS, CUTS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_annulus, generate_rectangle
@@ -100,7 +100,7 @@ def hole_stress(points: np.ndarray, material: Material) -> np.ndarray:
 
 def graded(levels: int = 10) -> tuple[np.ndarray, np.ndarray]:
     """A rule on triangles for a stress without limit at a corner: each level halves those at the corners once more."""
-    points, weights = FINE[2]
+    points, weights = CELLS[2, 1].fine
     triangles, rules = [np.eye(3)], []
     for level in range(levels):
         parts = [CELLS[2, 2].nodes[part] @ each for each in triangles for part in CUTS[2][0]]
@@ -115,7 +115,7 @@ def graded(levels: int = 10) -> tuple[np.ndarray, np.ndarray]:
 
 def squared_norms(mesh: Mesh, exact: Stress, u: np.ndarray) -> tuple[float, float]:
     """Squared energy norms of the error of a displacement u (nv, d) of steel, and of the exact solution."""
-    points, weights = graded() if exact is corner_stress else FINE[mesh.dimension]
+    points, weights = graded() if exact is corner_stress else mesh.cell.fine
     mapped = mesh.map(slice(None), points)
     sigma = exact(mapped.places.reshape(-1, mesh.dimension), STEEL)
     sigma = sigma.reshape(-1, *mapped.places.shape[:2])
@@ -126,7 +126,7 @@ def squared_norms(mesh: Mesh, exact: Stress, u: np.ndarray) -> tuple[float, floa
 
 def projected(mesh: Mesh, exact: Stress) -> np.ndarray:
     """The displacement (nv, d) of the finite element solution under the loads of an exact stress."""
-    d, (points, weights) = mesh.dimension, FINE[mesh.dimension]
+    d, (points, weights) = mesh.dimension, mesh.cell.fine
     mapped, i = mesh.map(slice(None), points), np.arange(mesh.dimension)
     slopes, places = mapped.slopes, mapped.places  # (d, q, k, t)
     sigma = np.empty((d, d, *places.shape[:2]))

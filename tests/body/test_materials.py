@@ -15,7 +15,7 @@ from ddmpi.body.stress import (
 )
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import material_numbers
-from ddmpi.mesh.elements import FINE
+from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
@@ -65,7 +65,7 @@ def test_estimate_knows_that_stress_jumps_where_materials_meet(order, ratio):
 
     u = np.column_stack([np.sin(2 * x) * g(y, np.where(y > h, 1.0, ratio))[0], 0 * x])
     corners = mesh.points[mesh.triangles[:, :3]]
-    points, weights = FINE[2]
+    points, weights = CELLS[2, 1].fine
     x, y = np.einsum("qa,tad->dqt", points, corners)
     E = np.where(corners[..., 1].mean(axis=1) > h, 1.0, ratio)
     value, slope = g(y, E)

@@ -89,8 +89,8 @@ MUTANTS = [
         (
             "folds are looked for in quadrature points alone",
             "mesh/mesh",
-            "np.concatenate([RULES[mesh.dimension][0], np.eye(mesh.dimension + 1)])",
-            "RULES[mesh.dimension][0]",
+            "np.concatenate([mesh.cell.quadrature[0], np.eye(mesh.cell.corners)])",
+            "mesh.cell.quadrature[0]",
             f"{RARER}::test_a_cell_that_folds_at_its_corner_alone_is_refused",
         ),
         (
@@ -1033,16 +1033,37 @@ MUTANTS = [
         (
             "wrong quadrature weight",
             "mesh/elements",
-            "return w * self._scale(2 * self.order - 2)",
-            "return w * self._scale(2 * self.order)",
+            "return (w[..., rest] - w[..., first]) * self._scale(degree)",
+            "return (w[..., rest] - w[..., first]) * self._scale(degree + 2)",
             SKFEM,
         ),
         (
             "nodes have wrong shares of their facets",
             "mesh/elements",
-            "_products(higher) * self._scale(self.order + 1)",
-            "_products(2 * self.powers[:, None]).repeat(self.dimension + 1, 1)",
+            "higher = self.powers[:, None] + self._vertices",
+            "higher = 2 * self.powers[:, None] + 0 * self._vertices",
             "interface/test_partial.py::test_a_brick_on_two_bricks",
+        ),
+        (
+            "a polynomial of full degree in a brick",
+            "mesh/elements",
+            "powers = np.minimum(powers, 1)",
+            "powers = np.minimum(powers, 2)",
+            "mesh/test_elements.py::test_tables_of_bricks_are_their_integrals",
+        ),
+        (
+            "an integral over one factor of a brick alone",
+            "mesh/elements",
+            "np.split(powers, ends, axis=-1)",
+            "2 * [powers[..., : d + 1]]",
+            "mesh/test_elements.py::test_tables_of_bricks_are_their_integrals",
+        ),
+        (
+            "the facet of a hexahedron turned inward",
+            "mesh/elements",
+            "(0, 3, 2, 1), (4, 5, 6, 7)",
+            "(0, 1, 2, 3), (4, 5, 6, 7)",
+            "mesh/test_elements.py::test_facets_and_parts_of_bricks_enclose_them",
         ),
         (
             "the map of curved triangles is turned",
@@ -1152,7 +1173,7 @@ MUTANTS = [
         ),
         (
             "a point of a rule outside of its cell",
-            "mesh/elements",
+            "mesh/rules",
             "(1.0 - times * value) / rest",
             "(1.0 + times * value) / rest",
             "mesh/test_elements.py::test_rules_are_exact_to_their_degree",
