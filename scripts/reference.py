@@ -35,6 +35,7 @@ PAGES = ROOT / "docs" / "reference"
 HEADINGS = {
     "Scene": "A scene",
     "BodySpec": "[[body]]",
+    "Copy": "copy",
     "MeshSpec": "mesh",
     "Motion": "motion",
     "Material": "material",

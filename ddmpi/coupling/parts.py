@@ -18,7 +18,7 @@ from ddmpi.errors import InputError, naming
 from ddmpi.interface.rows import holds_along
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.build import build_mesh, content
-from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.mesh import MEASURE, Mesh, signed_measures
 from ddmpi.mesh.refine import Sizes
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import SettledContact
@@ -101,11 +101,15 @@ def assemble_bodies(share: Share) -> dict[tuple[str, int], Located]:
 
 def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
     """The mesh of a body, which depends on what the scene says of it and on the content of its file, and resolves the
-    groups on which something acts. Shapes that differ by their place alone are shifts of one mesh. Not collective.
-    Raises InputError."""
+    groups on which something acts. Shapes that differ by their place alone, and copies, are shifts of one mesh, which
+    is turned first for copies that are. Not collective. Raises InputError."""
     scene, spec, kept = share.scene, part.spec, share.kept
-    file, contacts = content(spec, folder), [contact.on[side] for contact, side in part.touching]
+    file, contacts = content(spec, folder), _touched(scene, spec.original)
     home, part.shift = spec.mesh.at_home(scene.axisymmetric)
+    placement = spec.placement(scene.dimension)
+    if spec.copy:
+        there = placement.at(np.array(part.shift or np.zeros(scene.dimension)))
+        part.shift = tuple(there.tolist()) if there.any() else ()
     depends = (
         repr(msgspec.structs.asdict(spec.mesh) | home),
         kept.key("file", spec.name) if file is None else file,
@@ -121,19 +125,35 @@ def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
         return build_mesh(body, folder, contacts, sizes, scene.dimension, scene.axisymmetric)
 
     try:
-        mesh = kept.get("shape", spec.name, depends, lambda: build(home))
+        drawn = kept.get("drawn", spec.name, depends, lambda: build(home))
     except InputError:
         build({})  # which says where
         raise
+    whole = kept.key("drawn", spec.name), placement.turned
+    mesh = kept.get("shape", spec.name, whole, lambda: drawn.turned(placement.turned))
     shift, where = part.shift, (kept.key("shape", spec.name), part.shift)
 
     def place() -> Mesh:
         placed = mesh.shifted(shift) if shift else mesh
         if shift and not signed_measures(placed.points, placed.triangles).min() > 0.0:
             build({})  # which says that so far away its cells have no area
+            raise InputError(
+                f"body.{spec.name}.copy: so far away its cells have no {MEASURE[scene.dimension]} in double precision"
+            )
         return placed
 
     return kept.get("mesh", spec.name, where, place)
+
+
+def _touched(scene: Settled, original: str) -> list[str]:
+    """The groups of the contacts of a body and its copies, in the order of the scene."""
+    family = {body.name for body in scene.body if body.original == original}
+    return [
+        contact.on[side]
+        for contact in scene.contact
+        for side, name in enumerate(contact.bodies)
+        if name in family
+    ]
 
 
 def _assemble(part: Part, kept: Kept) -> Elasticity:

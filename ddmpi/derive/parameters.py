@@ -29,7 +29,7 @@ class Parameter:
     key : as in the scene's ``output.derivatives``
     value : the number; 1 for a factor
     history : whose factor multiplies `case`, `opening`, `driven` and `force`, or None
-    body : whose load, clamp or modulus it is; empty for others
+    body : whose load, clamp or modulus, with that of its copies, it is; empty for others
     case : what is added to the loads of the body, on its rank
     young : the number of the material of the body whose modulus it is; None for others
     law : by contact of this rank, the law whose slip bounds are the changes (N)
@@ -69,7 +69,8 @@ class Parameter:
             if self.young is not None
             else scaled(self.case, factor)
             for body in assembly.bodies
-            if body.spec.name == self.body and (self.case or self.young is not None)
+            if (self.case and body.spec.name == self.body)
+            or (self.young is not None and body.spec.original == self.body)
         }
 
     def _case(self, body: Body, u: np.ndarray) -> LoadCase:

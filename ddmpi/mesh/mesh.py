@@ -18,7 +18,7 @@ from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError, nearest
 from ddmpi.mesh.elements import CELLS, Cell, Mapped, cell_with, cross
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import Frame, in_words
 
 T = TypeVar("T")
 
@@ -166,9 +166,29 @@ class Mesh:
 
     def shifted(self, shift: Sequence[float]) -> Mesh:
         """The same mesh elsewhere, by a shift (d,) in metres. What no shift changes is found once for all."""
-        other = replace(self, points=np.array(shift) + self.points)
-        known = {name: getattr(self, name) for name in ("_sides", "_resolved", "curved")}
-        vars(other).update(known, _home=self.home)
+        other = self._moved(Frame.of(shift))
+        vars(other).update(_home=self.home)
+        return other
+
+    def turned(self, turned: np.ndarray) -> Mesh:
+        """The same mesh after a rotation (d, d) about the origin, itself where it is none. What no motion changes is
+        found once for all."""
+        return (
+            self
+            if (turned == np.eye(self.dimension)).all()
+            else self._moved(Frame(np.zeros(self.dimension), turned))
+        )
+
+    def _moved(self, frame: Frame) -> Mesh:
+        """The mesh where a frame takes it."""
+        faces = {
+            name: face._replace(place=tuple(frame.at(np.array(face.place)).tolist()))
+            for name, face in self.faces.items()
+        }
+        other = replace(self, points=frame.at(self.points), faces=faces)
+        vars(other).update(
+            {name: getattr(self, name) for name in ("_sides", "_resolved", "curved")}
+        )
         return other
 
     def once(self, find: Callable[[Mesh], T]) -> T:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 from msgspec.structs import force_setattr, replace
 
 from ddmpi.scene.meshes import TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, SettledMesh
-from ddmpi.scene.motions import Motions
+from ddmpi.scene.motions import Copy, Motions
 from ddmpi.scene.values import (
     AffineScalar,
     AffineVector,
@@ -29,7 +29,7 @@ from ddmpi.scene.values import (
     no_z,
     settle,
 )
-from ddmpi.system.numbers import ALIKE
+from ddmpi.system.numbers import ALIKE, Frame
 
 LOCKING = 0.48
 """Largest Poisson's ratio for error estimates of linear triangles; right to a fifth for measured errors below 0.3."""
@@ -206,6 +206,15 @@ class Material(Table, frozen=True, kw_only=True):
             )
         c, s = np.cos(np.deg2rad(self.angle or 0.0)), np.sin(np.deg2rad(self.angle or 0.0))
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+    def axes_in(self, frame: Frame) -> dict[str, Any]:
+        """The keys with which its axes are turned with a frame; none if it has no axes, or the frame is not turned."""
+        if self.shear is None or (frame.turned == np.eye(len(frame.shift))).all():
+            return {}
+        if len(frame.shift) == 2:
+            return {"angle": (self.angle or 0.0) + frame.angle}
+        one, beside, _ = (frame.turned @ self.rotation).T.tolist()
+        return {"axes": (tuple(one), tuple(beside))}
 
     @property
     def expansions(self) -> np.ndarray:
@@ -397,7 +406,8 @@ class BodySpec(Table, frozen=True, kw_only=True):
     Attributes
     ----------
     name : unique among bodies and rigid partners
-    mesh : see below
+    copy : in place of mesh and material, those of another body, elsewhere
+    mesh : see below; all bodies but copies have one
     material : one, or a list with entries for the parts of a drawing or a mesh file
     clamp : boundary groups or physical points: by name or number, with zero displacement, or with given displacements
     foundation : springs on boundary groups, which support the body along their stiffness
@@ -408,6 +418,7 @@ class BodySpec(Table, frozen=True, kw_only=True):
     """
 
     name: Name
+    copy: Copy | None = None
     mesh: MeshSpec
     material: Material | Annotated[list[PartMaterial], msgspec.Meta(min_length=1)]
     clamp: list[On | Clamp] = []
@@ -450,6 +461,15 @@ class BodySpec(Table, frozen=True, kw_only=True):
                 "material: entries are in plane strain, the default, and in plane stress; a body is in "
                 "one of them, so give all entries the same plane"
             )
+
+    @property
+    def original(self) -> str:
+        """The body whose mesh and material it has, itself if it is no copy."""
+        return self.copy.of if self.copy else self.name
+
+    def placement(self, dimension: int) -> Frame:
+        """Where its mesh stands from that of its original."""
+        return self.copy.frame(1.0, dimension) if self.copy else Frame.of((0.0,) * dimension)
 
     @property
     def materials(self) -> Sequence[Material]:
@@ -505,7 +525,10 @@ class BodySpec(Table, frozen=True, kw_only=True):
         finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.drawn else None
         origin = mesh.origin or (0.0,) * dimension if mesh.shape in WITH_ORIGIN else None
         plane = self.plane if dimension == 2 and not axisymmetric else None
-        materials = [replace(material, plane=plane) for material in self.materials]
+        place = self.placement(dimension)
+        materials = [
+            replace(material, plane=plane, **material.axes_in(place)) for material in self.materials
+        ]
         settled_mesh = settle(mesh, SettledMesh, order=order, contact_size=finest, origin=origin)
         return settle(
             self,

@@ -27,6 +27,7 @@ def mistakes(scene: Any) -> Iterator[str]:
         yield from _partners(scene, contact)
         yield from _roles(scene, contact)
     yield from _materials(scene)
+    yield from _copies(scene)
     yield from _around_axis(scene)
     yield from _histories(scene)
     for contact in scene.contact:
@@ -186,6 +187,21 @@ def _materials(scene: Any) -> Iterator[str]:
             f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "
             "would mean different pressures, so give all bodies the same"
         )
+
+
+def _copies(scene: Any) -> Iterator[str]:
+    """Copies stay solids of revolution, and what a target makes finer, it makes finer alike."""
+    for body in scene.body:
+        copy = body.copy
+        if copy and scene.axisymmetric and (copy.turn or (copy.shift and copy.shift[0])):
+            yield (
+                f"body.{body.name}.copy: axisymmetric copies shift along y only, as in shift = [0.0, 0.2]"
+            )
+        if copy and scene.method.target_error and body.mesh.drawn:
+            yield (
+                f"body.{body.name}.copy: method.target_error makes the mesh of a drawing, a ball or a cylinder finer "
+                "where its error is, which differs from copy to copy; write mesh and material, or leave the target out"
+            )
 
 
 def _around_axis(scene: Any) -> Iterator[str]:

@@ -12,13 +12,78 @@ from ddmpi.scene.values import Name, Number, OfOne, Point, Table, no_z
 from ddmpi.system.numbers import Frame
 
 
-class Motion(Table, frozen=True, kw_only=True):
-    """A motion of any size, prescribed or free; see docs/use/far.md.
+class Moved(Table, frozen=True, kw_only=True):
+    """A turn about a pivot, and then a shift.
 
     Attributes
     ----------
     shift : along the axes (m); left out, none
     turn : about the pivot, counterclockwise (degrees); left out, none
+    pivot : of a turn, in the coordinates of the drawing (m); left out, the origin
+    axis : of a turn in space, by the right-hand rule
+    """
+
+    shift: Point | None = None
+    turn: Number | None = None
+    pivot: Point | None = None
+    axis: Point | None = None
+
+    def __post_init__(self) -> None:
+        if not self.moves:
+            raise ValueError(
+                "it leads somewhere by a shift (m), as in shift = [0.2, 0.0], or a turn (degrees), as in "
+                "turn = 90.0, or both"
+            )
+        self._check_turn(self.turn is not None)
+
+    @property
+    def moves(self) -> bool:
+        """Whether a turn or a shift is given."""
+        return self.turn is not None or self.shift is not None
+
+    def _check_turn(self, turns: bool) -> None:
+        """Raise ValueError for a pivot or an axis of no turn."""
+        for key in ("pivot", "axis"):
+            if getattr(self, key) is not None and not turns:
+                raise ValueError(
+                    f"{key} is that of a turn; leave it out, or write turn = … (degrees)"
+                )
+        if self.axis is not None and not any(self.axis):
+            raise ValueError("axis must not be zero; a turn is about it, by the right-hand rule")
+
+    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+        if self.axis:
+            yield 3, "axis", "in the plane turns are in it"
+        elif self.turn:
+            yield 2, "turn", "a turn in space has an axis, as in axis = [0.0, 0.0, 1.0]"
+
+    def frame(self, factor: float, dimension: int) -> Frame:
+        """Where it leads at a factor of its history; nowhere if it is free."""
+        shift = np.zeros(dimension) if self.shift is None else factor * np.array(self.shift)
+        return Frame.of(shift, factor * (self.turn or 0.0) * self.about, self.pivot)
+
+    @property
+    def about(self) -> np.ndarray:
+        """The axis of its turn, a unit vector (3,); in the plane (1,)."""
+        return np.ones(1) if self.axis is None else np.array(self.axis) / np.linalg.norm(self.axis)
+
+
+class Copy(Moved, frozen=True, kw_only=True):
+    """A body elsewhere with mesh, material and groups of another one, in place of its own; see docs/use/scenes.md.
+
+    Attributes
+    ----------
+    of : the body that has mesh and material
+    """
+
+    of: Name
+
+
+class Motion(Moved, frozen=True, kw_only=True):
+    """A motion of any size, prescribed or free; see docs/use/far.md.
+
+    Attributes
+    ----------
     pivot : of a turn, also of a free one, in the coordinates of the drawing (m); left out, the origin
     axis : of a turn in space, by the right-hand rule; a free turn without it is one about all axes
     history : [history.NAME] whose factor multiplies shift and turn, or force and moment
@@ -28,29 +93,19 @@ class Motion(Table, frozen=True, kw_only=True):
         z]
     """
 
-    shift: Point | None = None
-    turn: Number | None = None
-    pivot: Point | None = None
-    axis: Point | None = None
     history: Name | None = None
     free: Annotated[list[Literal["x", "y", "z", "turn"]], msgspec.Meta(min_length=1)] | None = None
     force: Point | None = None
     moment: Number | Point = 0.0
 
     def __post_init__(self) -> None:
-        prescribed, free = self.turn is not None or self.shift is not None, self.free or ()
-        if prescribed == bool(free):
+        free = self.free or ()
+        if self.moves == bool(free):
             raise ValueError(
                 "a motion has a shift (m), as in shift = [0.0, -20.0], or a turn (degrees), as in turn = "
                 '90.0, or both; or it is free, as in free = ["turn"]'
             )
-        for key in ("pivot", "axis"):
-            if getattr(self, key) is not None and self.turn is None and "turn" not in free:
-                raise ValueError(
-                    f"{key} is that of a turn; leave it out, or write turn = … (degrees)"
-                )
-        if self.axis is not None and not any(self.axis):
-            raise ValueError("axis must not be zero; a turn is about it, by the right-hand rule")
+        self._check_turn(self.turn is not None or "turn" in free)
         if len({*free}) < len(free):
             raise ValueError("free names a component twice")
         if self.moment and "turn" not in free:
@@ -68,20 +123,12 @@ class Motion(Table, frozen=True, kw_only=True):
     def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
         if "z" in (self.free or ()):
             yield 3, "free", no_z(axisymmetric)
-        if self.axis or isinstance(self.moment, tuple):
-            yield 3, "axis" if self.axis else "moment", "in the plane turns are in it"
-        elif self.turn or self.moment:
+        if isinstance(self.moment, tuple) and not self.axis:
+            yield 3, "moment", "in the plane turns are in it"
+        elif self.moment and not self.axis and not self.turn:
             yield 2, "turn", "a turn in space has an axis, as in axis = [0.0, 0.0, 1.0]"
-
-    def frame(self, factor: float, dimension: int) -> Frame:
-        """Where it leads at a factor of its history; nowhere if it is free."""
-        shift = np.zeros(dimension) if self.shift is None else factor * np.array(self.shift)
-        return Frame.of(shift, factor * (self.turn or 0.0) * self.about, self.pivot)
-
-    @property
-    def about(self) -> np.ndarray:
-        """The axis of its turn, a unit vector (3,); in the plane (1,)."""
-        return np.ones(1) if self.axis is None else np.array(self.axis) / np.linalg.norm(self.axis)
+        else:
+            yield from super().of_one_dimension(axisymmetric)
 
 
 Motions = Motion | Annotated[list[Motion], msgspec.Meta(min_length=1)]

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
+from ddmpi.scene.copies import expanded
 from ddmpi.scene.keys import name_of, override, parse_value
 from ddmpi.scene.meshes import GEOMETRIES
 from ddmpi.scene.mistakes import explain, explain_syntax
@@ -119,6 +120,7 @@ def read_scene(
     """
     data = read_data(path, scene, settings)
     try:
+        data = expanded(data)
         return msgspec.convert(data, Scene).settled(file_kind)
     except msgspec.ValidationError as error:
         raise InputError(f"{path}: {explain(str(error), data, Scene)}") from None

@@ -14,6 +14,7 @@ from msgspec.structs import replace
 from ddmpi.scene.bodies import BodySpec, SettledBody
 from ddmpi.scene.checks import mistakes
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
+from ddmpi.scene.copies import TAKEN
 from ddmpi.scene.derivable import refuse_underivable
 from ddmpi.scene.dimension import FileKind, dimension_of
 from ddmpi.scene.method import PRESETS, Method, SettledMethod
@@ -220,11 +221,11 @@ class Settled(Table, frozen=True, kw_only=True, dict=True):
 
     def resolved(self) -> dict:
         """The scene as plain data. Written as TOML without the keys that are None, it is read as this scene again."""
-        return {
-            key: value
-            for key, value in msgspec.to_builtins(self).items()
-            if key not in ("dimension", "aimed")
-        }
+        data = msgspec.to_builtins(self)
+        for body in data["body"]:
+            for key in TAKEN if body["copy"] else ():
+                del body[key]
+        return {key: value for key, value in data.items() if key not in ("dimension", "aimed")}
 
     @property
     def units(self) -> dict[str, str]:

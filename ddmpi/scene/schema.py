@@ -9,6 +9,7 @@ from typing import Any
 
 import msgspec
 
+from ddmpi.scene.copies import TAKEN
 from ddmpi.scene.values import LARGEST, Formula, Group, Name, Table
 
 DIALECT = "http://json-schema.org/draft-07/schema#"
@@ -37,6 +38,9 @@ def json_schema(root: type) -> dict[str, Any]:
             table["properties"][key] = ({"allOf": [value]} if "$ref" in value else value) | {
                 "description": _plain(meaning)
             }
+    body = definitions["BodySpec"]
+    body["anyOf"] = [{"required": list(TAKEN)}, {"required": ["copy"]}]
+    body["required"] = [key for key in body["required"] if key not in TAKEN]
     return {"$schema": DIALECT, "title": "scene of ddmpi", **schema, "$defs": definitions}
 
 

@@ -777,6 +777,59 @@ MOTIONS = [
     ),
 ]
 
+
+def copy(text: str) -> str:
+    return f"body.lower={{name='lower', {text}}}"
+
+
+BESIDE = copy("copy={of='upper', shift=[0, -1]}")
+
+COPIES = [
+    Bound(
+        "body.lower.copy: a copy has the mesh of 'upper'; leave mesh out, or copy",
+        "plane",
+        "body.lower.copy={of='upper', shift=[0, -1]}",
+        BESIDE,
+    ),
+    Bound(
+        "body.lower.copy.of: there is no [[body]] 'uper'; did you mean 'upper'? (bodies: upper, lower)",
+        "plane",
+        copy("copy={of='uper', shift=[0, -1]}"),
+        BESIDE,
+    ),
+    Bound(
+        "body.lower.copy.of: 'lower' is a copy itself; one of lower has a mesh and a material of its own",
+        "plane",
+        copy("copy={of='lower', shift=[0, -1]}"),
+        BESIDE,
+    ),
+    Bound(
+        "body.upper.copy.of: 'lower' is a copy itself; one of lower, upper has a mesh and a material of its own",
+        "plane",
+        [BESIDE, "body.upper={name='upper', copy={of='lower', shift=[0, 1]}}"],
+        BESIDE,
+    ),
+    Bound(
+        "it leads somewhere by a shift (m)",
+        "plane",
+        copy("copy={of='upper'}"),
+        copy("copy={of='upper', shift=[0, 0]}"),
+    ),
+    Bound(
+        "body.lower.copy: axisymmetric copies shift along y only",
+        "axis",
+        copy("copy={of='upper', shift=[1e-9, -1]}, clamp=['bottom']"),
+        copy("copy={of='upper', shift=[0, -1]}, clamp=['bottom']"),
+    ),
+    Bound(
+        "body.lower.copy: method.target_error makes the mesh of a drawing, a ball or a cylinder finer",
+        "pair",
+        [mesh('geometry="a.geo", size=0.5'), BESIDE, "method.target_error=0.1"],
+        [BESIDE, "method.target_error=0.1"],
+    ),
+]
+"""Limits of copies of bodies."""
+
 ASKED = [
     Bound(
         "value does not go with constant and slopes",
@@ -1018,7 +1071,7 @@ ASKED += [
     ),
 ]
 
-BOUNDS = [*NUMBERS, *SHAPES, *MATERIALS, *CONTACTS, *PARTNERS, *TIMES, *MOTIONS, *ASKED]
+BOUNDS = [*NUMBERS, *SHAPES, *MATERIALS, *CONTACTS, *PARTNERS, *TIMES, *MOTIONS, *COPIES, *ASKED]
 
 
 class Solved(NamedTuple):

@@ -1,4 +1,5 @@
-"""Scenes of the matrix said otherwise: with lists in another order, cut by a bond, in other units, turned and elsewhere.
+"""Scenes of the matrix said otherwise: with lists in another order, cut by a bond whose lower part is a copy, in other
+units, turned and elsewhere.
 
 What a scene promises does not change; `Seen` brings the answer back to the words of the promise.
 """
@@ -130,6 +131,16 @@ def cut(scene: dict, kind: Kind) -> dict | None:
     scene["contact"].append(bond)
     scene["body"].append(foot)
     return scene
+
+
+def copied(scene: dict) -> None:
+    """Write the foot as a copy of the block, which has the same size."""
+    named = {body["name"]: body for body in scene["body"]}
+    one, other = (named[name].get("mesh") for name in PARTS)
+    key = "corners" if "corners" in one else "origin"
+    shift = np.atleast_2d(np.subtract(other[key], one[key]))[0]
+    named[FOOT]["copy"] = {"of": "block", "shift": shift.tolist()}
+    del named[FOOT]["mesh"], named[FOOT]["material"]
 
 
 def belongs(entry: Any, side: str) -> bool:
@@ -305,6 +316,8 @@ def otherwise(scene: dict, kind: Kind) -> tuple[dict, Seen]:
         scene, seen.turn = other, TURN[kind.d]
     seen.shift = SHIFT[: kind.d] * (kind.up if kind.axis else 1.0)
     scene = moved(in_units(permuted(scene), kind, LENGTH, STRESS), seen.shift)
+    if seen.cut:
+        copied(scene)
     seen.length, seen.stress = LENGTH, STRESS
     seen.force = STRESS * (LENGTH if kind.d == 2 and not kind.axis else LENGTH**2)
     return scene, seen

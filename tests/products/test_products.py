@@ -109,7 +109,8 @@ def test_a_feature_in_a_kind_of_scene(name, kind):
 
 @pytest.mark.parametrize(("name", "kind"), said_otherwise(), ids=str)
 def test_a_scene_that_is_said_otherwise_has_the_same_answer(name, kind):
-    """Lists in another order, a cut by a bond, a turn by 37 degrees, other units and another place change nothing."""
+    """Lists in another order, a cut by a bond with a copy, a turn by 37 degrees, other units and another place change
+    nothing."""
     case = FEATURES[name](kind)
     scene, seen = otherwise(case.scene, kind)
     as_promised(certified(scene), case, kind, seen)

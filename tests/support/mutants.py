@@ -2087,6 +2087,41 @@ MUTANTS = [
             ")",
             TOLD,
         ),
+        (
+            "axes of a copy stay",
+            "scene/bodies",
+            "(self.angle or 0.0) + frame.angle",
+            "self.angle or 0.0",
+            "coupling/test_copies.py::test_copies_have_the_answers_of_separate_bodies",
+        ),
+        (
+            "axes of a solid copy turn back",
+            "scene/bodies",
+            "(frame.turned @ self.rotation).T",
+            "(frame.turned.T @ self.rotation).T",
+            "coupling/test_copies.py::test_copies_have_the_answers_of_separate_bodies",
+        ),
+        (
+            "a copy stands where it turns from the origin of its home",
+            "coupling/parts",
+            "there = placement.at(np.array(part.shift or np.zeros(scene.dimension)))",
+            "there = placement.shift",
+            "coupling/test_copies.py::test_copies_have_the_answers_of_separate_bodies",
+        ),
+        (
+            "a drawing is meshed for the contacts of each copy",
+            "coupling/parts",
+            "_touched(scene, spec.original)",
+            "_touched(scene, spec.name)",
+            "coupling/test_copies.py::test_a_drawing_is_meshed_once_for_all_copies",
+        ),
+        (
+            "copies keep their modulus",
+            "derive/parameters",
+            "body.spec.original == self.body",
+            "body.spec.name == self.body",
+            "coupling/test_copies.py::test_a_modulus_is_differentiated_with_that_of_all_copies",
+        ),
         # that of this side alone follows from those of the mesh and of the others
         (
             "a side is kept for another boundary",
