@@ -9,21 +9,21 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import EXACT, Acting, Card, Course, axes, number
+from ddmpi.decks.cards import EXACT, Acting, Card, Course, axes, number, vector
 from ddmpi.decks.material import Matter, table
 from ddmpi.decks.pieces import Cut, Piece, formula, linear
 
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
 
-ALONG = 0.97
-"""Least cosine between the normals of straight facets and the directions of supports at their nodes, and their mean."""
-
-TURNED = 0.5
-"""Least length of the mean of directions that turn over a face; that of others is no face of them."""
-
 Key = tuple[float, str | None]
 """The value of a load, and its history."""
+
+Way = int | tuple[Any, ...]
+"""An axis, or a direction by numbers or formulas."""
+
+Supported = dict[Way, dict[tuple[bool, str | None], dict[int, float]]]
+"""Values by place: by axis or direction, then whether they are moved and by which history."""
 
 
 class Acts:
@@ -117,94 +117,83 @@ class Acts:
         ]
 
     def clamps(self, piece: Piece) -> list[dict[str, Any]]:
-        """The supports of a body: by component sets of nodes with one value, or a linear function; or along the normals
-        of faces."""
-        d = len(self.axes)
-        # by axis, then whether it is moved and by which history: value by place
-        at: dict[int, dict[tuple[bool, str | None], dict[int, float]]] = defaultdict(
-            lambda: defaultdict(dict)
-        )
-        # by component of *TRANSFORM: direction, value and keyword by place
-        local = defaultdict[int, dict[int, tuple[np.ndarray, float, Card]]](dict)
+        """The supports of a body: by direction sets of nodes with one value, or a linear function of place."""
+        at: Supported = defaultdict(lambda: defaultdict(dict))
         zero = Counter(
             node
             for (node, component), acting in self.kinds["supports"].items()
-            if component <= d and not any(value for _, value in acting.course)
+            if component <= len(self.axes) and not any(value for _, value in acting.course)
         )
-        # where all components are zero, their directions do not matter
-        fixed = {piece.place[node] for node in zero.keys() & piece.place.keys() if zero[node] >= d}
-        for node, component, acting in self._held(piece):
-            place, (value, history) = piece.place[node], self.factor(acting)
-            way = np.eye(d)[component - 1]
-            if node in self.model.transforms:
-                turned = self._way(piece, node, component)[:d]
-                local[component][place] = turned, value, acting.card
-                way = way if place in fixed else turned
-            if (main := _axis(way)) is not None:
-                at[main][bool(value), history][place] = value * np.sign(way[main])
-        found = []
-        for supports in local.values():
-            free = supports.keys() - fixed
-            odd = [place for place in free if _axis(supports[place][0]) is None]
-            if odd and len(facets := self._guided(piece, supports, odd)):
-                found.append({"on": piece.group(facets, "guided"), "normal": 0.0})
-                for place in free & {*piece.facets[facets].ravel().tolist()} - {*odd}:
-                    main = int(np.abs(supports[place][0]).argmax())  # not along an axis as well
-                    at[main][False, None].pop(place, None)
-        return found + self._together(piece, at)
-
-    def _guided(
-        self, piece: Piece, supports: dict[int, tuple[np.ndarray, float, Card]], odd: Sequence[int]
-    ) -> np.ndarray:
-        """The facets (k,) whose normals the directions of supports are, of which the `odd` ones are not along x, y or z;
-        none where these have no such facets, which is noted."""
-        given = np.full((len(piece.nodes) + 1, len(self.axes)), np.nan)  # −1, no node, is the last
-        for place, (way, value, _) in supports.items():
-            given[place] = np.nan if value else way
-        facets = piece.whole(~np.isnan(given[:-1, 0]))
-        mean = np.nanmean(given[piece.facets[facets, :4]], axis=1)
-        length = np.linalg.norm(mean, axis=1)  # less than 1 where directions differ
-        across = np.abs((piece.normals(facets) * mean).sum(axis=1))
-        some = (across > ALONG * length) & (length > TURNED)
-        facets, length = facets[some], length[some]
-        # the middle of a curved side halves the angle
-        round_ones = np.where(piece.facets[facets, 4] >= 0, 2.0 * ALONG**2 - 1.0, ALONG)
-        fine = facets[length > round_ones]
-        if not {*odd} - {*piece.facets[fine].ravel().tolist()}:
-            return fine
-        words = (
-            "a support in a direction of *TRANSFORM that is neither x, y, z nor the normal of faces"
-        )
-        if not {*odd} - {*piece.facets[facets].ravel().tolist()}:
-            turn = np.degrees(2.0 * np.arccos(length.min()))
-            words = f"a support along a direction that turns by {turn:.0f} degrees over a face; a finer mesh is needed"
-        self.notes.add("lost", supports[max(odd)][2], words)
-        return fine[:0]
-
-    def _held(self, piece: Piece) -> Iterable[tuple[int, int, Acting]]:
-        """The node, the component and the value of each support of a body in the directions of the scene."""
+        corners = []
         for (node, component), acting in self.kinds["supports"].items():
             if node not in piece.place or node in self.rigid_nodes:
                 continue
-            if component <= len(self.axes):
-                yield node, component, acting
-            elif acting.course[-1][1]:
-                self.notes.add("lost", acting.card, "a displacement out of the plane")
+            place, (value, history) = piece.place[node], self.factor(acting)
+            fixed = zero[node] >= len(self.axes)
+            way, sign = self._direction(piece, node, component)
+            if fixed and component <= len(self.axes):  # directions do not matter
+                at[component - 1][False, None][place] = 0.0
+                corners.append((way, place))
+            elif way is not None:
+                at[way][bool(value), history][place] = value * sign
+            elif words := self._no_direction(piece, node, component, value):
+                self.notes.add("lost", acting.card, words)
+        for way, place in corners:  # that faces of those beside are held as a whole
+            if way in at:
+                at[way][False, None][place] = 0.0
+        return self._together(piece, at)
 
-    def _together(
-        self, piece: Piece, at: dict[int, dict[tuple[bool, str | None], dict[int, float]]]
-    ) -> list[dict[str, Any]]:
-        """Clamps of values by component, history and place; of the same nodes they are one."""
-        together: dict[tuple[bytes, str | None], tuple[np.ndarray, dict[str, Any]]] = {}
-        for component, by_history in sorted(at.items()):
-            for (_, history), held in by_history.items():
+    def _direction(self, piece: Piece, node: int, component: int) -> tuple[Way | None, float]:
+        """An axis, with the sense of a component along it, or a direction, which may turn with the place; None where it
+        is not in the plane."""
+        way = self._way(piece, node, component)[: len(self.axes)]
+        if np.linalg.norm(way) < 1.0 - EXACT:
+            return None, 1.0
+        if node in self.model.transforms and (turning := self._turning(node, component)):
+            return turning, 1.0
+        if (main := _axis(way)) is not None:
+            return main, float(np.sign(way[main]))
+        return (*way.tolist(),), 1.0
+
+    def _no_direction(self, piece: Piece, node: int, component: int, value: float) -> str:
+        """What is lost of a support that has no direction in the plane; empty if nothing is."""
+        way = self._way(piece, node, component)
+        if not way.any():
+            return "a direction of *TRANSFORM at a node on its axis, where it has none"
+        if np.abs(way[: len(self.axes)]).max() > EXACT:
+            return "a support aslant to the plane"
+        return "a displacement out of the plane" if value else ""
+
+    def _turning(self, node: int, component: int) -> tuple[Any, ...]:
+        """The formulas of the direction of a component that turns with the place, about an axis; none of others."""
+        card, d = self.model.transforms[node], len(self.axes)
+        if card.says("TYPE", "R")[:1] != "C" or component > 2:
+            return ()
+        # (I - t tT) (x - a) or t x (x - a), of the axis t through a
+        on, along = vector(card.values(), 6)[:3], axes(card, (0.0, 0.0, 0.0))[2]
+        across = np.eye(3) - np.outer(along, along)
+        turn = (across if component == 1 else np.cross(along, np.eye(3)).T)[:d]
+        turn[np.abs(turn) < KEEPS] = 0.0
+        offsets = (0.0 - turn @ on).tolist()
+        return tuple(formula(*part, self.axes) for part in zip(offsets, turn[:, :d], strict=True))
+
+    def _together(self, piece: Piece, at: Supported) -> list[dict[str, Any]]:
+        """Clamps of values by direction, history and place; along axes those of the same nodes are one."""
+        together: dict[tuple[bytes, str | None, Any], tuple[np.ndarray, dict[str, Any]]] = {}
+        for way in sorted(at, key=lambda way: (isinstance(way, tuple), str(way))):
+            for (_, history), held in at[way].items():
                 places, values = np.array(sorted(held)), np.array([held[k] for k in sorted(held)])
                 for some, value in _alike(piece, places, values):
-                    _, entry = together.setdefault((some.tobytes(), history), (some, {}))
-                    entry[self.axes[component]] = value
+                    entry = (
+                        {"along": list(way), "value": value}
+                        if isinstance(way, tuple)
+                        else {self.axes[way]: value}
+                    )
+                    key = some.tobytes(), history, isinstance(way, int) or way
+                    together.setdefault(key, (some, {}))[1].update(entry)
         return [
             {"on": self._named(piece, some, "fixed")} | entry | later(history)
-            for (_, history), (some, entry) in together.items()
+            for (_, history, _), (some, entry) in together.items()
         ]
 
     def loads(self) -> dict[str, list[dict[str, Any]]]:

@@ -316,7 +316,7 @@ def test_amplitudes(tmp_path):
 
 
 def test_local_directions(tmp_path):
-    """*TRANSFORM turns forces; supports along normals of whole faces slide on them, others are lost."""
+    """*TRANSFORM turns forces and supports; only a node on the axis of a cylinder has no direction."""
     turned = "*TRANSFORM, NSET=A_X1, TYPE=R\n0., 0., 1., 0., 1., 0.\n"
     scene = imported(tmp_path, BOX + ROLLERS + turned + step("*CLOAD", "A_X1, 1, 2."))[0]
     assert scene["body"][0]["traction"][0]["force"] == pytest.approx([0.0, 0.0, 24.0])
@@ -331,10 +331,77 @@ def test_local_directions(tmp_path):
     )
     ring += f"\n*NSET, NSET=IN, GENERATE\n1, 5\n*TRANSFORM, NSET=IN, TYPE=C\n0, 0, 0, 0, 0, 1\n{STEEL}{SECTION}"
     scene = imported(tmp_path, ring + "*BOUNDARY\nIN, 1\n1, 2\n" + step("*DLOAD", "1, P2, 1."))[0]
-    assert {"on": "guided", "normal": 0.0} in scene["body"][0]["clamp"]
-    assert "*BOUNDARY: a support in a direction of *TRANSFORM" in refused(
-        tmp_path, ring + "*BOUNDARY\n2, 1\n" + step("*DLOAD", "1, P2, 1.")
+    radial = {"along": ["0.0 + (1.0) * x", "0.0 + (1.0) * y"], "value": 0.0}
+    assert [radial.items() <= clamp.items() for clamp in scene["body"][0]["clamp"]] == [False, True]
+    on_axis = ring.replace("0, 0, 0, 0, 0, 1", "1, 0, 0, 1, 0, 1")
+    assert "*BOUNDARY: a direction of *TRANSFORM at a node on its axis" in refused(
+        tmp_path, on_axis + "*BOUNDARY\nIN, 1\n" + step("*DLOAD", "1, P2, 1.")
     )
+    imported(tmp_path, on_axis + "*BOUNDARY\n1, 1, 2\n2, 1\n" + step("*DLOAD", "1, P2, 1."))
+
+
+def turned_nodes(deck: str, R: np.ndarray) -> str:
+    """A deck whose nodes (x, y, z) are turned by R."""
+
+    def turned(line: str) -> str:
+        node, *at = line.split(",")
+        return f"{node}, " + ", ".join(map(repr, (R @ [float(x) for x in at]).tolist()))
+
+    head, rest = deck.split("*ELEMENT", 1)
+    first, *lines = head.strip().splitlines()
+    return "\n".join([first, *map(turned, lines)]) + "\n*ELEMENT" + rest
+
+
+def test_a_turned_deck_in_directions_of_its_own_is_its_twin(tmp_path):
+    """Nodes turned by R whose *TRANSFORM turns supports and forces move as the others do, turned by R."""
+    e = np.array([1.0, 2.0, -2.0]) / 3.0
+    R = 2.0 * np.outer(e, e) - np.eye(3)
+    a, b = R[:, 0], R[:, 1]
+    every = "*NSET, NSET=EVERY, GENERATE\n1, 36\n"
+    rest = "*BOUNDARY\nA_Z0, 3\nA_X0, 1\nA_Y0, 2\nA_Z1, 2, 2, -0.001\n"
+    rest += step("*CLOAD", "A_X1, 1, 2.", "A_X1, 3, 5.", "*DLOAD", "1, P1, 3.")
+    way = "*TRANSFORM, NSET=EVERY\n" + ", ".join(map(repr, [*a.tolist(), *(a + 3 * b).tolist()]))
+    u = solved(tmp_path, BOX + every + rest).bodies["A"].displacement
+    scene, lists = imported(tmp_path, turned_nodes(BOX, R) + every + way + "\n" + rest)
+    assert "lost:\n  nothing\n" in lists
+    assert sum("along" in clamp for clamp in scene["body"][0]["clamp"]) == 4
+    v = solved(tmp_path, turned_nodes(BOX, R) + every + way + "\n" + rest).bodies["A"].displacement
+    assert v @ R == pytest.approx(u, abs=1e-10 * np.abs(u).max())
+
+
+@pytest.mark.parametrize("component, value", [(1, 2e-3), (2, 2e-3), (2, 0.0), (3, 1e-3)])
+def test_directions_of_a_cylinder_anywhere(tmp_path, component, value):
+    """Nodes are held along the radius, around and along an axis aslant through (0, 2, 3), from node to node."""
+    on, axis = np.array([0.0, 2.0, 3.0]), np.array([2.0, -1.0, 2.0]) / 3.0
+    ends = ", ".join(map(repr, [*on.tolist(), *(on + 5.0 * axis).tolist()]))
+    way = f"*TRANSFORM, NSET=A_X1, TYPE=C\n{ends}\n*BOUNDARY\nA_X0, 1, 3\n"
+    held = f"A_X1, {component}, {component}, {value!r}\n"
+    fields = solved(tmp_path, BOX + way + held + step("*DLOAD", "9, P2, 10.")).bodies["A"]
+    some = np.isclose(fields.points[:, 0], 1.0) & (fields.points * 2.0 % 1.0 < 1e-9).all(axis=1)
+    off = fields.points[some] - on
+    off -= np.outer(off @ axis, axis)
+    radial = off / np.linalg.norm(off, axis=1)[:, None]
+    ways = radial, np.cross(axis, radial), np.tile(axis, (len(off), 1))
+    moved = [(fields.displacement[some] * along).sum(axis=1) for along in ways]
+    assert moved.pop(component - 1) == pytest.approx(np.full(len(off), value), abs=1e-14)
+    assert all(np.ptp(other) > 1e-6 for other in moved)
+
+
+def test_directions_out_of_the_plane(tmp_path):
+    """What points out of the plane holds nothing there, unless it is moved; a direction aslant to it is lost."""
+    plate = grid("A", (2, 2), (1.0, 1.0)) + STEEL + SECTION + "*BOUNDARY\nA_X0, 1, 2\n"
+    up, aslant = "0., 0., 1., 0., 1., 0.", "0., 1., 1., 1., 0., 0."
+    for way, value, words in (
+        (up, 0.0, ""),
+        (up, 1.0, "a displacement out of the plane"),
+        (aslant, 0.0, "a support aslant to the plane"),
+    ):
+        held = f"*TRANSFORM, NSET=A_X1\n{way}\n*BOUNDARY\nA_X1, 1, 1, {value}\n"
+        deck = plate + held + step("*CLOAD", "A_Y1, 2, 1.")
+        if words:
+            assert words in refused(tmp_path, deck)
+        else:
+            assert len(imported(tmp_path, deck)[0]["body"][0]["clamp"]) == 1
 
 
 def test_heat(tmp_path):
