@@ -36,7 +36,8 @@ from ddmpi.body.stress import (
     stress_at,
     thermal,
 )
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.elements import CELLS
+from ddmpi.mesh.mesh import Mesh, bare
 from ddmpi.scene.bodies import Material
 from ddmpi.system.numbers import ROUNDING
 
@@ -226,7 +227,7 @@ def estimate_errors(bodies: Sequence[Deformed]) -> list[ErrorEstimate]:
     for k, body in enumerate(bodies):
         mesh, material, _, heat = body
         small = len(mesh.triangles) <= SMALL and isinstance(material, Material)
-        nodes = mesh.triangles.shape[1], mesh.dimension, mesh.axisymmetric
+        nodes = mesh.triangles.shape[1], mesh.dimension, mesh.axisymmetric, mesh.integration
         kind = (repr(material), *nodes, heat is None) if small else (k,)
         kinds.setdefault(kind, []).append(k)
     found: dict[int, ErrorEstimate] = {}
@@ -245,7 +246,7 @@ def _together(bodies: Sequence[Deformed]) -> Deformed:
     starts = itertools.accumulate(map(len, moved), initial=0)
     cells = [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
     points = np.concatenate([mesh.points for mesh in meshes])
-    whole = Mesh(points, np.concatenate(cells), {}, axisymmetric=meshes[0].axisymmetric)
+    whole = replace(bare(meshes[0]), points=points, triangles=np.concatenate(cells))
     heat = None if heats[0] is None else np.concatenate(heats)
     return Deformed(whole, materials[0], np.concatenate(moved), heat)
 
@@ -430,7 +431,7 @@ def _recover(mesh: Mesh, sampled: np.ndarray) -> Recovery:
         p = _monomials((places[..., some.indices] - at[vertex].T[:, None]) / reach[vertex], order)
         fits[..., first:last] = _fits(p, sampled[..., some.indices], some, mesh.dimension + 1)
     found = Recovery(np.zeros((len(sampled), len(mesh.points))), fits, corners, at, reach, order)
-    _borrow(found, around, outer, mesh.cell.nodes[:, 1:])
+    _borrow(found, around, outer, CELLS[mesh.dimension, order].nodes[:, 1:])
     found.nodes[:, vertices] = fits[0]
     for node, between in zip(mesh.triangles.T[mesh.cell.corners :], mesh.cell.between, strict=True):
         for block in blocks(len(node)):

@@ -14,6 +14,7 @@ from ddmpi.body.stress import (
     Composite,
     cell_temperature,
     gradients,
+    modes_of,
     portions,
     thermal,
     thickness_of,
@@ -237,9 +238,15 @@ def thermal_loads(
         beta, whole, *_ = thermal(uniform, mesh.strains)
         beta = np.einsum("ij,ijrc->rc", beta, gradients(mesh))
         share = uniform.thickness * weights[:, None] * mapped.measures * warm
-        for component, loads in enumerate(np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)):
-            f[:, component] += np.bincount(mesh.triangles[cells].ravel(), loads.ravel(), len(f))
+        loads = np.einsum("rc,cqit,qt->rti", beta, mapped.slopes, share)
         energy += whole * float((share * warm).sum())
+        if mesh.cell.modes:
+            modes = modes_of(mesh, uniform, cells, heat)
+            by_modes = np.einsum("tm,tmk->tk", modes.push, modes.follows)
+            loads -= by_modes.reshape(len(by_modes), -1, mesh.dimension).transpose(2, 0, 1)
+            energy -= float((modes.push * modes.held).sum())
+        for component, load in enumerate(loads):
+            f[:, component] += np.bincount(mesh.triangles[cells].ravel(), load.ravel(), len(f))
     return f, energy
 
 

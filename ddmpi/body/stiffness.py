@@ -13,11 +13,11 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.body.stress import Composite, gradients, portions
+from ddmpi.body.stress import Composite, elastic, modes_of, portions
 from ddmpi.mesh.elements import invert
 from ddmpi.mesh.mesh import Mesh, tangents
 from ddmpi.scene.bodies import Material
-from ddmpi.system.numbers import is_touched
+from ddmpi.system.numbers import ROUNDING, is_touched
 
 
 @dataclass(frozen=True)
@@ -132,8 +132,14 @@ def sum_stiffness(mesh: Mesh, material: Material | Composite) -> Stiffness:
     ends, entries, at = np.empty((2, number), mesh.triangles.dtype), np.empty((d, d, number)), 0
     own_entries = np.empty((d, d, *mesh.triangles.shape[::-1]))
     for cells, uniform, curved, pairs in portioned:
-        make = _curved_blocks if curved else _straight_blocks
-        blocks = make(mesh, uniform, cells, *np.hstack([[alike, alike], pairs]))
+        make = _curved_blocks if curved and not _affine(mesh, cells) else _straight_blocks
+        i, j = np.hstack([[alike, alike], pairs])
+        blocks = make(mesh, uniform, cells, i, j)
+        if mesh.cell.modes:  # inner nodes, which are condensed
+            modes = modes_of(mesh, uniform, cells)
+            own = modes.beside.swapaxes(1, 2) @ modes.follows
+            own = own.reshape(len(own), k, d, k, d)
+            blocks -= own[:, i, :, j].transpose(2, 3, 0, 1)
         own_entries[..., cells] = blocks[:, :, :k]
         nodes, to = mesh.triangles[cells].T, slice(at, at + pairs.shape[1] * blocks.shape[3])
         ends[:, to], entries[..., to] = (
@@ -170,7 +176,7 @@ def _straight_blocks(
     slopes = (inverse * np.sqrt(determinant / mesh.cell.multiple)).swapaxes(
         0, 1
     )  # ∇λ √|T|, (d, a, t)
-    products = _elastic(mesh, material, slopes[:, None, :, None] * slopes[:, None])
+    products = elastic(mesh, material, slopes[:, None, :, None] * slopes[:, None])
     table = mesh.cell.stiffness[i, j].reshape(len(i), -1)
     return table @ products.reshape(*products.shape[:2], table.shape[1], -1)
 
@@ -185,20 +191,18 @@ def _curved_blocks(
         mapped.slopes * np.sqrt(weights[:, None] * mapped.measures)[:, None]
     )  # of which products are summed
     one, two = slopes[:, :, i], slopes[:, :, j]
-    return _elastic(
+    return elastic(
         mesh,
         material,
         np.stack([np.stack([np.einsum("qpt,qpt->pt", x, y) for y in two]) for x in one]),
     )
 
 
-def _elastic(mesh: Mesh, material: Material, products: np.ndarray) -> np.ndarray:
-    """Σ t C_rkcl P_kl (d, d, …) for products (n, n, …) of slopes, with the thickness t."""
-    d, n, M = mesh.dimension, len(products), gradients(mesh)
-    C = np.einsum("ijrk,ijmn,mncl->rckl", M, material.tensor(n), M, optimize=True).reshape(
-        d * d, n * n
-    )
-    return material.thickness * (C @ products.reshape(n * n, -1)).reshape(d, d, *products.shape[2:])
+def _affine(mesh: Mesh, cells: slice | np.ndarray) -> bool:
+    """Whether some bricks are parallelepipeds with integrals that tables have."""
+    cell = mesh.cell
+    tabled = not cell.simplex and not mesh.axisymmetric and mesh.integration != "reduced"
+    return tabled and bool((cell.warps(mesh.points[mesh.triangles[cells]]) <= ROUNDING).all())
 
 
 def sort_stably(keys: np.ndarray, size: int) -> np.ndarray:

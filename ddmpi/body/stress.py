@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
@@ -213,17 +214,17 @@ def stress_at(
     mesh: Mesh,
     material: Material | Composite,
     u: np.ndarray,
-    barycentric: np.ndarray,
+    hats: np.ndarray,
     heat: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Stress (n, n, q, nt) in Pa at barycentric points (q, d + 1) of all cells, for a displacement u (nv, d) in metres
+    """Stress (n, n, q, nt) in Pa at points with hats (q, c) of all cells, for a displacement u (nv, d) in metres
     and a temperature (nv,) in K.
 
     n is `Mesh.strains`. Not collective.
     """
-    sigma = np.empty((mesh.strains, mesh.strains, len(barycentric), len(mesh.triangles)))
+    sigma = np.empty((mesh.strains, mesh.strains, len(hats), len(mesh.triangles)))
     for cells, uniform, curved in portions(mesh, material):
-        sigma[..., cells] = cell_stress(mesh, uniform, u, barycentric, cells, curved, heat)
+        sigma[..., cells] = cell_stress(mesh, uniform, u, hats, cells, curved, heat)
     return sigma
 
 
@@ -231,7 +232,7 @@ def cell_stress(
     mesh: Mesh,
     material: Material,
     u: np.ndarray,
-    barycentric: np.ndarray,
+    hats: np.ndarray,
     cells: slice | np.ndarray,
     curved: bool,
     heat: np.ndarray | None = None,
@@ -239,19 +240,77 @@ def cell_stress(
     """`stress_at` (n, n, q, t) in some cells of one material, none of which are `summed` or all, `curved`."""
     n, moved = mesh.strains, np.take(u.T, mesh.triangles[cells].T, axis=1)
     if curved:
-        gradient = np.einsum("rqkt,ckt->crqt", mesh.map(cells, barycentric).slopes, moved)
+        mapped = mesh.map(cells, hats)
+        gradient = np.einsum("rqkt,ckt->crqt", mapped.slopes, moved)
+        if mapped.modes is not None:
+            modes, by_nodes = modes_of(mesh, material, cells, heat), moved.transpose(2, 1, 0)
+            alpha = modes.held - np.einsum(
+                "tmk,tk->tm", modes.follows, by_nodes.reshape(len(by_nodes), -1)
+            )
+            alpha = alpha.reshape(len(alpha), -1, len(moved))
+            gradient += np.einsum("rqmt,tmc->crqt", mapped.modes, alpha)
     else:
         inverse, _ = invert(tangents(mesh.points, mesh.corners[cells]))
         gradient = np.einsum(
-            "acqt,art->crqt", mesh.cell.derivatives(barycentric)[:, None] @ moved, inverse
+            "acqt,art->crqt", mesh.cell.derivatives(hats)[:, None] @ moved, inverse
         )
     C = np.einsum("ijmn,mncl->ijcl", material.tensor(n), gradients(mesh)).reshape(n * n, -1)
     sigma = (C @ gradient.reshape(C.shape[1], -1)).reshape(n, n, *gradient.shape[2:])
     if heat is not None:
         sigma -= np.multiply.outer(
-            thermal(material, len(sigma))[0], cell_temperature(mesh, heat, barycentric, cells)
+            thermal(material, len(sigma))[0], cell_temperature(mesh, heat, hats, cells)
         )
     return sigma
+
+
+def elastic(mesh: Mesh, material: Material, products: np.ndarray) -> np.ndarray:
+    """Σ t C_rkcl P_kl (d, d, …) for products (n, n, …) of slopes, with the thickness t."""
+    d, n, M = mesh.dimension, len(products), gradients(mesh)
+    C = np.einsum("ijrk,ijmn,mncl->rckl", M, material.tensor(n), M, optimize=True).reshape(
+        d * d, n * n
+    )
+    return material.thickness * (C @ products.reshape(n * n, -1)).reshape(d, d, *products.shape[2:])
+
+
+class Modes(NamedTuple):
+    """The m d incompatible modes of t cells with k nodes: α = `held` − `follows` u minimizes the energy.
+
+    Attributes
+    ----------
+    follows : (t, m d, k d) K_αα⁻¹ K_αu
+    beside : (t, m d, k d) K_αu
+    held, push : (t, m d) K_αα⁻¹ f_α, in metres, and f_α of a temperature (N)
+    """
+
+    follows: np.ndarray
+    beside: np.ndarray
+    held: np.ndarray
+    push: np.ndarray
+
+
+def modes_of(
+    mesh: Mesh,
+    material: Material,
+    cells: slice | np.ndarray,
+    heat: np.ndarray | None = None,
+) -> Modes:
+    """The incompatible modes of some cells of one material at a temperature (nv,) in K. Not collective."""
+    (points, weights), d = mesh.cell.quadrature, mesh.dimension
+    mapped = mesh.map(cells, points)
+    assert mapped.modes is not None
+    shares = weights[:, None] * mapped.measures
+    both = np.concatenate([mapped.modes, mapped.slopes], axis=2)
+    products = np.einsum("aqmt,bqnt,qt->abmnt", mapped.modes, both, shares, optimize=True)
+    K = elastic(mesh, material, products).transpose(4, 2, 0, 3, 1)  # (t, m, d, m + k, d)
+    t, m = K.shape[:2]
+    K, push = K.reshape(t, m * d, -1), np.zeros((t, m * d))
+    if heat is not None:
+        warm = material.thickness * shares * cell_temperature(mesh, heat, points, cells)
+        beta = thermal(material, d)[0]
+        push = np.einsum("rc,cqmt,qt->tmr", beta, mapped.modes, warm).reshape(t, m * d)
+    own, beside = np.split(K, [m * d], axis=2)
+    solved = np.linalg.solve(own, np.concatenate([beside, push[..., None]], axis=2))
+    return Modes(solved[..., :-1], beside, solved[..., -1], push)
 
 
 def gradients(mesh: Mesh) -> np.ndarray:
@@ -265,10 +324,10 @@ def gradients(mesh: Mesh) -> np.ndarray:
 
 
 def cell_temperature(
-    mesh: Mesh, heat: np.ndarray, barycentric: np.ndarray, cells: slice | np.ndarray
+    mesh: Mesh, heat: np.ndarray, hats: np.ndarray, cells: slice | np.ndarray
 ) -> np.ndarray:
-    """Temperature (q, t) at points (q, d + 1) of some cells, from that of the nodes (nv,)."""
-    return mesh.cell.shapes(barycentric) @ heat[mesh.triangles[cells]].T
+    """Temperature (q, t) at points with hats (q, c) of some cells, from that of the nodes (nv,)."""
+    return mesh.cell.shapes(hats) @ heat[mesh.triangles[cells]].T
 
 
 def components(sigma: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.derive.entries import measures
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Mesh, bare
 from ddmpi.scene.results import Named
 from ddmpi.sets import magnitude
 
@@ -139,7 +139,7 @@ def _copies(mesh: Mesh, nodes: np.ndarray, number: int) -> Mesh:
     """A mesh of copies of one cell that have no node in common."""
     k = len(nodes)
     cells = np.arange(number * k).reshape(number, k)
-    return Mesh(np.tile(mesh.points[nodes], (number, 1)), cells, {}, axisymmetric=mesh.axisymmetric)
+    return replace(bare(mesh), points=np.tile(mesh.points[nodes], (number, 1)), triangles=cells)
 
 
 def _by_energy(body: Body, u: np.ndarray) -> np.ndarray:

@@ -328,7 +328,7 @@ def kink_of_stress(mesh: Mesh, sigma: np.ndarray, nodal: np.ndarray) -> tuple[fl
     if not sigma[number]:
         return 0.0, 0.0
     shared = np.isin(mesh.corners, mesh.corners[number]).sum(axis=1)
-    beside = shared == mesh.dimension
+    beside = shared == mesh.cell.facet.corners
     near = sigma[beside].mean() if beside.any() else 0.0
     top = nodal[mesh.triangles[number]].max()
     kink, peak = (float(abs(1.0 - other / sigma[number])) for other in (near, top))

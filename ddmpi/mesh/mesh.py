@@ -83,6 +83,7 @@ class Mesh:
     curves : name → (·, 2 or 3) int, in space the lines of each physical curve
     axisymmetric : whether integrals are over the rings of revolution of the cells around x = 0
     faces : name → what the drawing says of the groups that are numbered curves or faces of it
+    integration : of bricks, "full", "modes" or "reduced", see `cell_with`; by default with modes, around an axis full
 
     >>> mesh = Mesh(np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 1.0]]), np.array([[0, 1, 2]]), {"base": np.array([[0, 1]])})
     >>> mesh.cell.title, mesh.measures().tolist(), mesh.boundary[0].tolist()
@@ -98,6 +99,7 @@ class Mesh:
     curves: dict[str, np.ndarray] = field(default_factory=dict)
     axisymmetric: bool = False
     faces: dict[str, Face] = field(default_factory=dict)
+    integration: str = ""
 
     @property
     def dimension(self) -> int:
@@ -112,7 +114,8 @@ class Mesh:
     @property
     def cell(self) -> Cell:
         """The reference cell."""
-        return cell_with(self.triangles.shape[1], self.dimension)
+        usual = "full" if self.axisymmetric else "modes"
+        return cell_with(self.triangles.shape[1], self.dimension, self.integration or usual)
 
     @property
     def corners(self) -> np.ndarray:
@@ -286,6 +289,17 @@ class Mesh:
         """The largest distance between two nodes, or nearly so (m); of a box its diagonal."""
         far = self.points[np.linalg.norm(self.points - self.points.mean(axis=0), axis=1).argmax()]
         return float(np.linalg.norm(self.points - far, axis=1).max())
+
+
+def bare(mesh: Mesh) -> Mesh:
+    """The mesh without names, of which others are made with cells alike."""
+    return Mesh(
+        mesh.points,
+        mesh.triangles,
+        {},
+        axisymmetric=mesh.axisymmetric,
+        integration=mesh.integration,
+    )
 
 
 def boundary_facets(
