@@ -3,7 +3,6 @@
 import functools
 import json
 import math
-import operator
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
@@ -30,6 +29,7 @@ from ddmpi.results.summary import (
     ROWS,
     count,
     drawn_times,
+    friction_in_words,
     held_in_words,
     largest,
     loose_in_words,
@@ -221,9 +221,8 @@ class RunReport:
                 yield key
                 continue
             row = ROWS[table + key]
-            values = [
-                functools.reduce(operator.getitem, key.split("."), entry) for entry in entries
-            ]
+            # results of earlier versions lack some
+            values = [functools.reduce(_part, key.split("."), entry) for entry in entries]
             if not any(isinstance(value, list | tuple) for value in values):
                 yield Column(row.words, values, self.units[row.quantity])
                 continue
@@ -349,6 +348,7 @@ class RunReport:
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded", "guided"}:
             dissipated = sum(contact["dissipated"] or 0.0 for contact in contacts)
             numbers["dissipated"] = number(dissipated, unit=self.units["energy"])
+        numbers |= self._utilised()
         for name, entries, unit in (
             ("displacement", self.bodies, "length"),
             ("von_mises", self.bodies, "stress"),
@@ -361,6 +361,18 @@ class RunReport:
                 "not computed" if value is None else f"of {of}" + f", at {place}" * bool(place)
             )
         return numbers
+
+    def _utilised(self) -> dict[str, str]:
+        """The contact that bears most of its friction."""
+        shares = {
+            name: entry["utilisation"]
+            for name, entry in self.contacts.items()
+            if entry.get("utilisation") is not None
+        }
+        if not shares:
+            return {}
+        most = max(shares, key=lambda name: shares[name])
+        return {"most_utilised": number(shares[most], 3, "%"), "most_utilised_of": f"of {most}"}
 
     def _bars(self) -> dict[str, Any]:
         """The results whose errors were asked for, with their bars or words."""
@@ -409,7 +421,11 @@ class RunReport:
             f"mortar, nodes of {contact['slave']}" if contact["slave"] else "node to node"
             for contact in contacts.values()
         ]
+        slips = {name: friction_in_words(contact) for name, contact in contacts.items()}
         return {
+            "utilised": " ".join(
+                f"{name}: {words}." for name, words in slips.items() if "slip" in words
+            ),
             "contacts": self._table(
                 "contacts",
                 "Force and moment on the first body, about the origin; normal forces are positive under "
@@ -418,6 +434,7 @@ class RunReport:
                 "pressure_max",
                 self._places("contacts", "pressure_max"),
                 *STATES,
+                "utilisation",
             ),
             "pairing": self._table(
                 "contacts",
@@ -495,7 +512,7 @@ class RunReport:
                 for step in steps
                 for name, contact in step["contacts"].items()
             ]
-            caption, keys = "Forces on the first body", RESULTANTS + STATES
+            caption, keys = "Forces on the first body", [*RESULTANTS, *STATES, "utilisation"]
         else:
             rows = [(step, "all", _all_contacts(step)) for step in steps]
             caption, keys = "Nodes of all contacts", STATES
@@ -640,6 +657,10 @@ def _all_contacts(step: dict) -> dict[str, float]:
     """The states of all contacts at a load step together."""
     contacts = step["contacts"].values()
     return {key: sum(contact[key] or 0 for contact in contacts) for key in STATES}
+
+
+def _part(entry: Mapping[str, Any] | None, key: str) -> Any:
+    return (entry or {}).get(key)
 
 
 def _words(kind: str) -> str:

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ddmpi.body.rigid_motions import rigid_motions
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ON_BOUND, Law
+from ddmpi.interface.utilisation import largest_factor
 from ddmpi.sets import magnitude
 from ddmpi.system.numbers import ALIKE, RigidMotion, moment, place_of_largest
 
@@ -22,6 +24,7 @@ RESULTANTS = (
     "slip",
     "stick",
     "dissipated",
+    "utilisation",
 )
 """The entries of `ContactTotals` that are written at every load step."""
 
@@ -31,7 +34,7 @@ class ContactTotals(NamedTuple):
 
     Attributes
     ----------
-    force, moment, dissipated, moment_imbalance : as of a `ContactState`
+    force, moment, dissipated, utilisation, moment_imbalance : as of a `ContactState`
     normal_force, tangential_force : sums over the nodes along n and t (N); in space the length of the sum of the
         tangential vectors, as nodes have no common t
     open, slip, stick : numbers of nodes
@@ -56,6 +59,7 @@ class ContactTotals(NamedTuple):
     slip: int
     stick: int
     dissipated: float
+    utilisation: float
     bodies: tuple[str, str]
     m: int
     law: str
@@ -143,6 +147,44 @@ class ContactState:
         return float((self.resistance * magnitude(self.slip)).sum())
 
     @property
+    def slip_bound(self) -> np.ndarray:
+        """(m,) the bound on the tangential force under the pressure of the node (N); 0 without friction, as of bonds."""
+        law, bound = self.interface.law, np.zeros(len(self.gap))
+        if not (law.frictionless or law.two_sided):
+            bound[law.sliding] = law.slip_bound(np.maximum(self.normal_force, 0.0))
+        return bound
+
+    @property
+    def utilised(self) -> np.ndarray:
+        """(m,) the tangential force over its bound, from 0 to 1; 0 where there is no bound."""
+        bound = self.slip_bound
+        return magnitude(self.tangential_force) * (bound > 0.0) / np.where(bound > 0.0, bound, 1.0)
+
+    @property
+    def utilisation(self) -> float:
+        """1/α with the largest α for which friction within the nodes' present bounds has α times the force and moment
+        of this one, around an axis the axial force: 1 where the contact slips as a whole. NaN without friction or load.
+
+        Many nodes may slip while the contact is far from slipping. It says nothing of bounds under other loads.
+        """
+        interface, bound = self.interface, self.slip_bound
+        sliding = interface.sliding[bound[interface.sliding] > 0.0]
+        if not len(sliding):
+            return np.nan
+        bound, places = bound[sliding, None], interface.places[sliding]
+        centre = (bound * places).sum(axis=0) / bound.sum()
+        far = float(np.linalg.norm(places - centre, axis=1).max())
+        motions = rigid_motions(places, centre, far or 1.0)
+        if interface.axisymmetric:
+            motions = motions[..., 1:2]  # along the axis
+        tangents = np.zeros_like(interface.tangents)
+        tangents[interface.sliding] = interface.directions[interface.m :].reshape(
+            -1, *tangents.shape[1:]
+        )
+        powers = bound[..., None] / bound.max() * (tangents[sliding] @ motions)
+        return 1.0 / largest_factor(powers, self.tangential_force[sliding] / bound)
+
+    @property
     def pressure(self) -> np.ndarray:
         """(m,) normal stress (Pa); NaN where the contact has no area."""
         return self.normal_force / _areas(self.interface)
@@ -214,6 +256,7 @@ class ContactState:
                 ("gap", self.gap),
                 ("slip", signed(self.slip)),
                 ("slip_total", signed(self.slip_total)),
+                ("utilisation", self.utilised),
                 ("status", self.status),
             )
         }
@@ -250,6 +293,7 @@ class ContactState:
             self.count("slip"),
             self.count("stick"),
             self.dissipated,
+            self.utilisation,
             interface.bodies,
             interface.m,
             interface.law.name,
@@ -277,7 +321,8 @@ class ContactState:
 
     @property
     def resultants(self) -> dict[str, Any]:
-        """By name: force, moment, sums of the nodes' forces (N), numbers of nodes by status, and dissipated (J)."""
+        """By name: force, moment, sums of the nodes' forces (N), numbers of nodes by status, dissipated (J), and
+        utilisation."""
         return self.totals.resultants
 
     def count(self, status: str) -> int:

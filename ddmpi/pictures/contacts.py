@@ -248,13 +248,14 @@ def _profiles(
 
 
 def draw_maps(results: Results, name: str) -> Any:
-    """Pressure, zones, friction with arrows of slip, and gap or slip, if there is any, on a contact; a figure."""
+    """Pressure, zones, friction with arrows of slip and over its bound, and gap, if there is any, on a contact; a
+    figure."""
     surface, cells, units = results.surfaces[name], results.cells(name), results.summary["units"]
     table, visible = results.contacts[name], RESOLVED * results.summary["displacement_max"]
     lie = directions(vectors(table, "n"), table["area"])
     at, labels, along = flatten(surface["points"], cells, *lie)
     gaps, slips = (np.abs(surface[what]).max(initial=0.0) > visible for what in ("gap", "slip"))
-    maps = _maps(results, name, gaps, slips)
+    maps = _maps(results, name, gaps)
     edges, owner = rim(surface["points"], cells)
     ends = at[owner[:, None], (cells[owner, None] == edges[:, :, None]).argmax(axis=2)]
     low, high = _shown(at, surface["status"][cells] != STATUS.index("open"))
@@ -267,7 +268,7 @@ def draw_maps(results: Results, name: str) -> Any:
         if panel:
             what, field, quantity, colours = panel
             most = np.abs(surface[field]).max(initial=0.0) or results.summary["displacement_max"]
-            factor, unit_of = scaled_unit(most, units[quantity])
+            factor, unit_of = scaled_unit(most, units.get(quantity, quantity))
             values = surface[field][cells].ravel() / factor
             _draw_values(axes, at, values, colours, f"{what} ({unit_of})", unit_of)
             if what == "friction" and slips:
@@ -292,23 +293,21 @@ def draw_maps(results: Results, name: str) -> Any:
     return figure
 
 
-def _maps(
-    results: Results, name: str, gaps: bool, slips: bool
-) -> list[tuple[str, str, str, str] | None]:
+def _maps(results: Results, name: str, gaps: bool) -> list[tuple[str, str, str, str] | None]:
     """The maps of a contact: words, field, quantity and colours of each; None for that of zones."""
-    stress = results.surfaces[name]["pressure"]
-    asked = next(each for each in results.summary["scene"]["contact"] if each["name"] == name)
+    surface = results.surfaces[name]
+    stress = surface["pressure"]
     tension = -stress.min(initial=0.0) > RESOLVED * np.abs(stress).max(initial=0.0)
     maps: list[tuple[str, str, str, str] | None] = []
     if np.any(stress):
         maps.append(("normal stress" if tension else "pressure", "pressure", "stress", "Blues"))
     maps.append(None)
-    if np.any(results.surfaces[name]["friction"]):
+    if np.any(surface["friction"]):
         maps.append(("friction", "friction", "stress", "Oranges"))
+        if np.any(surface.get("utilisation", 0.0)):  # none in earlier results
+            maps.append(("friction / bound", "utilisation", "%", "Purples"))
     if gaps:
         maps.append(("gap", "gap", "length", "Greens"))
-    elif slips and asked["friction"]["law"] != "none":
-        maps.append(("slip", "slip", "length", "Purples"))
     return maps
 
 

@@ -236,7 +236,7 @@ def draw_steps(results: Results) -> Any:
         what, column, of_one = _resultant(steps[name]), "tangential_force", names[name]
         if what == "moment":
             column = max(
-                (f"moment_{axis}" for axis in "xyz"),
+                (component for component in steps[name] if component.startswith("moment")),
                 key=lambda component: np.ptp(steps[name][component]),
             )
             of_one = f"{names[name]}, {column.replace('_', ' ')}"
@@ -329,15 +329,11 @@ def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
 
 
 def _resultant(steps: Columns) -> str:
-    """The resultant of a contact in pictures: force, or the moment of solids without a force."""
+    """The resultant of a contact in pictures: force, or the moment where there is no force, as of a shaft in its hub."""
     forces = [
         np.abs(values).max() for column, values in steps.items() if column.startswith("force_")
     ]
-    return (
-        "moment"
-        if "moment_x" in steps and max(forces) <= RESOLVED * steps["normal_force"].max()
-        else "force"
-    )
+    return "moment" if max(forces) <= RESOLVED * steps["normal_force"].max() else "force"
 
 
 def _draw_course(axes: Any, name: str, steps: Columns, units: dict) -> None:

@@ -31,7 +31,7 @@ KIND = {
 NODAL = ("nodal_stress", "nodal_principal", "nodal_von_mises")
 """Stress at nodes: recovered, see `body.estimate`; principal stresses and von Mises stress of it."""
 
-AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "status")
+AT_CONTACT = ("pressure", "friction", "gap", "slip", "slip_total", "utilisation", "status")
 """The fields of a contact, with a row per line of its table: columns of contact_NAME.csv, stresses by other names."""
 
 AT_CONTACT_IN_SPACE = ("friction_vector", "slip_vector")

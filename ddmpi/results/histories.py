@@ -193,7 +193,9 @@ def _contact_at(results: Results, name: str, time: float, rows: Columns | None) 
     now = legs["time"] == time
     own = {column: values[now] for column, values in legs.items() if column != "time"}
     if rows is None:
-        changed = {column: own[column] for column in leg_columns(results.dimension)}
+        changed = {
+            column: own[column] for column in leg_columns(results.dimension) if column in own
+        }
         table = results.contacts[name] | changed
     else:
         table = own | rows

@@ -80,6 +80,7 @@ ROWS = {
     "contacts.NAME.tangential_force": Row("tangential force", "force"),
     **{f"contacts.NAME.{status}": Row(status) for status in STATUS},
     "contacts.NAME.dissipated": Row("dissipated", "energy"),
+    "contacts.NAME.utilisation": Row("friction utilised", "%"),
     "contacts.NAME.pressure_max": Row("largest pressure", "stress"),
     "contacts.NAME.pressure_mean": Row("mean pressure", "stress"),
     **{
@@ -102,6 +103,10 @@ ROWS = {
 """By the dotted name of an entry; NAME is that of a body, a contact or a rigid partner. docs/reference/results.md says
 what every entry of summary.json means."""
 
+
+SLIDES, MANY = 0.9, 0.5
+"""A contact that bears less than the first fraction of its friction is told to be far from sliding, if more than the
+second fraction of its closed nodes slip."""
 
 NEGLIGIBLE = 1e-4
 """Loads along held motions below this fraction of their bound are not told."""
@@ -259,6 +264,18 @@ def count(contacts: Iterable[Mapping[str, Any]]) -> str:
     return ", ".join(
         f"{sum(contact[status] for contact in contacts)} {status}" for status in STATUS
     )
+
+
+def friction_in_words(contact: Mapping[str, Any]) -> str:
+    """How much of its friction a contact bears, in words; empty without friction."""
+    share = contact.get("utilisation")
+    if share is None:
+        return ""
+    bears = f"bears {100.0 * share:.3g} % of the friction that it could"
+    closed = contact["slip"] + contact["stick"]
+    if share < SLIDES and contact["slip"] > MANY * closed:
+        return f"{contact['slip']} of {closed} closed nodes slip, but the contact {bears}"
+    return bears
 
 
 def largest(entries: Mapping[str, Mapping], key: str) -> tuple[float | None, str]:

@@ -41,6 +41,7 @@ LEGS_IN = {
         "gap",
         "slip",
         "slip_total",
+        "utilisation",
         "status",
     ),
     3: (
@@ -54,6 +55,7 @@ LEGS_IN = {
         "gap",
         "slip",
         "slip_total",
+        "utilisation",
         "status",
         "force_x",
         "force_y",
@@ -73,7 +75,7 @@ SIDES = ("x", "y", "length", "normal_stress", "tangential_stress")
 
 HISTORY = ("step", "iteration", "update", "residual", "inner_precision", *STATUS, "n_A")
 
-TOTALS = ("normal_force", "tangential_force", *STATUS, "dissipated")
+TOTALS = ("normal_force", "tangential_force", *STATUS, "dissipated", "utilisation")
 
 STEPS_IN = {
     2: ("time", "contact", "force_x", "force_y", "moment", *TOTALS),
@@ -185,6 +187,7 @@ def leg_values(state: ContactState) -> np.ndarray:
         state.gap,
         signed(state.slip),
         signed(state.slip_total),
+        state.utilised,
         status,
     ]
     if state.interface.dimension > 2:

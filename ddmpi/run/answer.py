@@ -5,7 +5,7 @@ import copy
 import html
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
@@ -21,7 +21,7 @@ from ddmpi.mesh.build import kind_of_files
 from ddmpi.methods.newton import Newton
 from ddmpi.petsc.options import RunOptions
 from ddmpi.results.fields import Fields, table_fields
-from ddmpi.results.summary import ROWS, as_float, where
+from ddmpi.results.summary import ROWS, where
 from ddmpi.results.tables import STATUS, chains
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, NAMED, describe_contact
@@ -34,12 +34,14 @@ from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
 from ddmpi.system.agreement import from_first, in_lockstep, merged
 from ddmpi.system.clock import Clock
-from ddmpi.system.numbers import scaled_unit
+from ddmpi.system.numbers import in_words, scaled_unit
 from ddmpi.system.provenance import has_matplotlib
 
 COLUMNS = (
+    "force",
+    "moment",
     "normal_force",
-    "tangential_force",
+    "utilisation",
     "pressure_max",
     *STATUS,
 )  # the entries of a contact in the table
@@ -301,11 +303,10 @@ def _table(summary: Mapping[str, Any]) -> str:
     heads = "".join(f"<th>{html.escape(row.words)}</th>" for row in rows)
     lines = [f"<tr><th></th>{heads}</tr>"]
     for name, contact in summary["contacts"].items():
+        units = [summary["units"].get(row.quantity, row.quantity) for row in rows]
         cells = [
-            _amount(contact[key], summary["units"][row.quantity])
-            if row.quantity
-            else str(contact[key])
-            for key, row in zip(COLUMNS, rows, strict=True)
+            _amount(contact.get(key), unit) if unit else str(contact[key])
+            for key, unit in zip(COLUMNS, units, strict=True)
         ]
         lines.append(
             f"<tr><th>{html.escape(name)}</th>"
@@ -315,9 +316,14 @@ def _table(summary: Mapping[str, Any]) -> str:
     return "<table>" + "\n".join(lines) + "</table>"
 
 
-def _amount(value: float | None, unit: str) -> str:
-    factor, unit = scaled_unit(abs(as_float(value)), unit)
-    return "–" if value is None else html.escape(f"{value / factor:.4g} {unit}")
+def _amount(value: Sequence[float | None] | float | None, unit: str) -> str:
+    """A number or a vector with its unit."""
+    if value is None:
+        return "–"
+    values = np.array(value, float)
+    factor, unit = scaled_unit(float(np.abs(values).max()), unit)
+    words = in_words(values / factor, 4) if values.ndim else f"{values / factor:.4g}"
+    return html.escape(f"{words} {unit}")
 
 
 def _picture(summary: Mapping[str, Any], contacts: Mapping[str, ContactState]) -> bytes:

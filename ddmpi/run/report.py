@@ -14,6 +14,7 @@ from ddmpi.methods.outer import Step
 from ddmpi.results.summary import (
     as_float,
     count,
+    friction_in_words,
     held_in_words,
     largest,
     loose_in_words,
@@ -296,7 +297,8 @@ def describe_contact(summary: dict, name: str, body: str) -> str:
         if bolt
         else ""
     )
-    return f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}{pulled}"
+    words = f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}{pulled}"
+    return "; ".join(filter(None, [words, friction_in_words(contact)]))
 
 
 def _largest(summary: dict, table: str, key: str) -> str:

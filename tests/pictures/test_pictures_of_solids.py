@@ -287,15 +287,18 @@ def test_a_mechanism_of_solids_is_drawn(tmp_path):
 
 
 def test_a_contact_has_maps_of_what_may_vary_there(tmp_path, still):
-    """Without friction none of friction; bonded none of the gap, and of normal stress, which may be tension."""
+    """Without friction none of friction; bonded none of its bound and the gap, and of normal stress, which may be
+    tension."""
     results = stacked(tmp_path, friction=made_up.NoFriction())
     assert [axes.get_ylabel() for axes in draw_maps(results, "upper-lower").axes[3:]] == [
         "pressure (MPa)",
         "gap (µm)",
     ]
     results = read_results(still)
+    labels = [axes.get_ylabel() for axes in draw_maps(results, "upper-lower").axes]
+    assert "friction / bound (%)" in labels
     surface = results.surfaces["upper-lower"]
-    surface["gap"][:] = surface["slip"][:] = 0.0
+    surface["gap"][:] = surface["slip"][:] = surface["utilisation"][:] = 0.0
     surface["pressure"][0] = -surface["pressure"].max()
     labels = [axes.get_ylabel() for axes in draw_maps(results, "upper-lower").axes[3:]]
     assert labels == ["normal stress (MPa)", "friction (MPa)"]

@@ -49,7 +49,7 @@ class Seen:
 
     def units(self, key: str) -> float:
         match key.rpartition(".")[2]:
-            case "open" | "stick":
+            case "open" | "stick" | "utilisation":
                 return 1.0
             case "displacement" | "offset":
                 return self.length

@@ -469,6 +469,8 @@ def stacked(kind: Kind, /, stress: float = -LOAD, walls: bool = False, **contact
             "contacts__upper-lower__open": 0,
         },
     )
+    if "friction" in contact:  # nothing pulls
+        found |= told(1.0, **{"contacts__upper-lower__utilisation": 0.0})
     fields = {
         "upper": kind.field(upper, BELOW * lower[-1, -1] * kind.up),
         "lower": kind.field(lower, bottom=bottom),
@@ -709,6 +711,7 @@ def sliding(kind: Kind, friction: dict, bound: float | None) -> Case:
             "contacts__block-floor__stick": 0,
         },
     )
+    found |= told(1.0, **{"contacts__block-floor__utilisation": 1.0})
     return Case(scene, told=found)
 
 

@@ -24,6 +24,7 @@ COLUMNS = [
     "gap",
     "slip",
     "slip_total",
+    "utilisation",
     "status",
     "force_x",
     "force_y",
@@ -48,7 +49,7 @@ def test_tables_have_vectors_in_space(tmp_path, order):
     table, contact = results.contacts["upper-lower"], results.summary["contacts"]["upper-lower"]
     at, normal, force, slip = (
         vectors(table, *names)
-        for names in (COLUMNS[:3], COLUMNS[3:6], COLUMNS[15:18], COLUMNS[18:])
+        for names in (COLUMNS[:3], COLUMNS[3:6], COLUMNS[16:19], COLUMNS[19:])
     )
     assert table["area"].sum() == pytest.approx(3.0)
     assert force.sum(axis=0) == pytest.approx(contact["force"])
@@ -82,6 +83,7 @@ def test_tables_have_vectors_in_space(tmp_path, order):
             "slip",
             "stick",
             "dissipated",
+            "utilisation",
         ]
 
 
@@ -109,6 +111,7 @@ def test_meshio_and_paraview_read_solids(tmp_path, order):
         "gap": "gap",
         "slip": "slip",
         "slip_total": "slip_total",
+        "utilisation": "utilisation",
     }.items():
         assert np.array_equal(grid[field], table[column]), field
 

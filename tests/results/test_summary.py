@@ -23,6 +23,7 @@ STEP = {
     "slip",
     "stick",
     "dissipated",
+    "utilisation",
 }
 
 

@@ -78,6 +78,7 @@ def test_a_contact_has_a_line_per_node_with_all_digits(tmp_path):
         "gap",
         "slip",
         "slip_total",
+        "utilisation",
         "status",
     ]
     table = columns(tmp_path / "contact_upper-lower.csv")
@@ -93,6 +94,7 @@ def test_a_contact_has_a_line_per_node_with_all_digits(tmp_path):
         "tangential_force": state.tangential_force[:, 0],
         "slip": state.slip[:, 0],
         "slip_total": state.slip[:, 0],
+        "utilisation": state.utilised,
     }.items():
         assert np.array_equal(table[name], values), name
     for kind in ("normal", "tangential"):
@@ -142,6 +144,7 @@ def test_steps_has_a_line_per_step_and_contact(tmp_path):
         "slip": 7,
         "stick": 8,
         "dissipated": 9.0,
+        "utilisation": None,
     }
     write_steps(
         tmp_path,
@@ -163,7 +166,8 @@ def test_steps_has_a_line_per_step_and_contact(tmp_path):
         "slip",
         "stick",
         "dissipated",
+        "utilisation",
     ]
     assert [line[:2] for line in lines] == [["0.5", "a"], ["0.5", "b"], ["1.0", "a"], ["1.0", "b"]]
-    assert lines[0][2:] == ["1.0", "nan", "3.0", "4.0", "5.0", "6", "7", "8", "9.0"]
+    assert lines[0][2:] == ["1.0", "nan", "3.0", "4.0", "5.0", "6", "7", "8", "9.0", "nan"]
     assert lines[1][7] == "0"

@@ -259,7 +259,7 @@ def test_a_notebook_shows_an_answer(scene, monkeypatch):
     assert shown.count("<tr>") == 1 + len(answer.contacts)
     contact = answer.summary["contacts"]["a<b>&$"]
     cells = re.findall(r"<td>(.*?)</td>", shown)
-    assert cells[3:6] == [str(contact[status]) for status in ("open", "slip", "stick")]
+    assert cells[5:8] == [str(contact[status]) for status in ("open", "slip", "stick")]
     (image,) = re.findall(r'src="data:image/png;base64,([^"]*)"', shown)
     assert base64.b64decode(image).startswith(b"\x89PNG")
     assert "http" not in shown

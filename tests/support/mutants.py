@@ -37,6 +37,7 @@ PRODUCTS, RARER = (
     "products/test_products.py::test_a_feature_in_a_kind_of_scene",
     "products/test_rarer.py",
 )
+UTILISED = "interface/test_utilisation.py"
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
 CYCLES = "scenes/test_cycles.py"
 DENSE = "methods/test_dense.py"
@@ -1782,6 +1783,34 @@ MUTANTS = [
             'status[~closed] = "open"',
             "pass",
             NODES,
+        ),
+        (
+            "utilisation without the bounds of the nodes",
+            "interface/state",
+            "bound[..., None] / bound.max() * (tangents[sliding] @ motions)",
+            "(tangents[sliding] @ motions)",
+            UTILISED,
+        ),
+        (
+            "utilisation around an axis by the moment",
+            "interface/state",
+            "motions[..., 1:2]",
+            "motions[..., :1]",
+            f"{PRODUCTS}[coulombs friction that slips-axis-1-steps]",
+        ),
+        (
+            "friction of bonds has a bound",
+            "interface/state",
+            "if not (law.frictionless or law.two_sided):",
+            "if not law.frictionless:",
+            UTILISED,
+        ),
+        (
+            "a step along the motion that has the power alone",
+            "interface/utilisation",
+            "step = factor * other - one",
+            "step = factor * other + one",
+            UTILISED,
         ),
         (
             "dissipation by the bound at the end alone",
