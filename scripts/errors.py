@@ -33,7 +33,7 @@ from ddmpi.errors import DdmpiError
 from ddmpi.judge.bars import COVERED, FACTORS, JUMP, RESULTANTS, SHARE, Measured
 from ddmpi.judge.edges import unbounded
 from ddmpi.methods.newton import Newton
-from ddmpi.results.summary import errors_of, quantity_of, value_of
+from ddmpi.results.summary import bars_of, quantity_of, value_of
 from ddmpi.run.answer import Answer
 from ddmpi.scene.results import ERRORS, POINT, named, results
 
@@ -109,7 +109,7 @@ def numbers_of(answer: Answer | None, only: Sequence[str]) -> list[dict]:
     factors = scene.factors(1.0 if solution.time is None else solution.time)
     measured = measure_errors(assembly, solution.outer, solution, wanted, factors)
     infinite = unbounded(assembly.in_world(), solution.states)
-    entries = errors_of(summary, measured, infinite)
+    entries = {name: bar._asdict() for name, bar in bars_of(summary, measured, infinite).items()}
     scales = largest(summary, wanted)
     return [
         parts(result, measured[result], entry, summary["order"], scales[quantity_of(result)])

@@ -64,6 +64,7 @@ HEADINGS = {
     "Time": "[time]",
     "Cycle": "cycle of load steps",
     "Method": "[method]",
+    "Within": "target of a result",
     "Output": "[output]",
     "Cut": "cut",
     "Checkpoint": "[checkpoint]",

@@ -41,6 +41,7 @@ class Share:
 
     def __init__(self, comm: MPI.Comm, beside: int) -> None:
         self.comm, self._beside = comm, beside
+        self._since = time.process_time()
         self._A: PETSc.Mat | None = None
         self._springs: tuple[np.ndarray, float] = (
             np.zeros(0, int),
@@ -145,6 +146,13 @@ class Share:
             *self.comm.allgather((peak_memory(), MPI.Get_processor_name())), strict=True
         )
         return max(peaks), list(hosts)
+
+    def used(self, given: None = None) -> tuple[float, float]:
+        """Processor seconds of all ranks since this was last asked, and the sum of their peak memories (MiB)."""
+        now = time.process_time()
+        spent, self._since = now - self._since, now
+        seconds, memory = self.comm.allreduce(np.array([spent, peak_memory()]))
+        return seconds, memory
 
     def _scatter(self, x: np.ndarray | None, to: PETSc.Vec) -> PETSc.Vec:
         """Fill `to` from a vector of the root."""

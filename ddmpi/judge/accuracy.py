@@ -1,4 +1,7 @@
-"""An accuracy target: how fine the meshes must be for the estimated discretization error to meet it.
+"""Accuracy targets: how fine the meshes must be for the estimated discretization error, and for bars of results.
+
+A mesh has squared errors in its cells: η² of the energy norm, and |η_K| of a result (`judge.bars`), which fall alike. So
+the error of a result is here the root of its bar. Of several targets the squared errors over what is allowed are summed.
 
 All shapes and mesh files of a scene are refined by the same whole number, so that matching contacts stay matching. It
 follows from the errors on the former meshes: ‖e‖ ∝ refinement^(−rate).
@@ -13,13 +16,17 @@ import logging
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from msgspec.structs import replace
 
+from ddmpi.judge.bars import FINAL, LARGEST, Bar
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.refine import Sizes, graded
+from ddmpi.scene.method import Target, Within
+from ddmpi.scene.results import targets
 from ddmpi.scene.scene import Settled
 
 log = logging.getLogger("ddmpi")
@@ -45,11 +52,37 @@ LADDER = {
     "almost": 0.95,  # a step that leaves more than this fraction of the error counts as leaving so much
     "shrink": 0.1,
     "grow": 2.0,  # limits of the new size of an element over its old size
+    # of results
+    "least": 1e-3,  # squared error of a cell at least, over the mean: the adjoint has to be resolved as well
+    "unresolved": 5.0,  # largest error over what is allowed of a largest value that is not resolved
 }
+
+GROWTH = {2: (1.15, 1.0), 3: (1.75, 4.0 / 3.0)}
+"""By dimension the powers of the number of unknowns with which the seconds of factors grow, and the memory; all other
+seconds grow with it itself."""
+
+ENERGY = ""
+"""The name of the target in the energy norm, among those of results."""
+
+
+class Cost(NamedTuple):
+    """What all ranks have used for a mesh: processor seconds, those of factors among them, bytes, and bytes before it."""
+
+    seconds: float = 0.0
+    factor: float = 0.0
+    bytes: float = 0.0
+    idle: float = 0.0
+
+    def of(self, times: float, dimension: int) -> tuple[float, float]:
+        """The seconds and bytes of a mesh with so many `times` the unknowns."""
+        factor, memory = GROWTH[dimension]
+        seconds = times * (self.seconds - self.factor) + times**factor * self.factor
+        return seconds, self.idle + times**memory * (self.bytes - self.idle)
 
 
 class Level(NamedTuple):
-    """A mesh that was solved on: refinement, unknowns n, estimated relative error, dofs including clamped ones.
+    """A mesh that was solved on: refinement, unknowns n, estimated relative error, dofs including clamped ones, the bars of
+    results and the cost.
 
     The refinement is a whole number; where all bodies are geometries the number of dofs grows with its d-th power.
     """
@@ -58,6 +91,35 @@ class Level(NamedTuple):
     n: int
     error: float
     dofs: int
+    results: Mapping[str, Bar] = MappingProxyType({})
+    cost: Cost = Cost()
+
+    @property
+    def errors(self) -> tuple[float, Mapping[str, Bar]]:
+        return self.error, self.results
+
+    def told(self) -> dict[str, Any]:
+        """Its entry in the summary, with results and their cost where errors of some are told."""
+        entry = self._asdict()
+        results, cost = entry.pop("results"), entry.pop("cost")
+        if not results:
+            return entry
+        bars = {
+            name: {"value": bar.value, "bar": bar.bar, "word": bar.word}
+            for name, bar in results.items()
+        }
+        return entry | {"results": bars, "seconds": cost.seconds, "bytes": cost.bytes}
+
+
+class Miss(NamedTuple):
+    """An error, and how large it may be; of a result the roots of its bar and of the largest bar."""
+
+    error: float
+    goal: float
+
+    @property
+    def over(self) -> float:
+        return self.error / self.goal
 
 
 class Demand(NamedTuple):
@@ -77,6 +139,39 @@ def demand(squares: np.ndarray, rate: float, dimension: int) -> Demand:
     )
 
 
+def allowed(target: Target, value: float) -> float:
+    """The largest bar of a result with this value, in its unit."""
+    return target.within if isinstance(target, Within) else target * abs(value)
+
+
+def weighted(
+    parts: Mapping[str, Mapping[str, np.ndarray]],
+    sums: Mapping[str, float],
+    misses: Mapping[str, Miss],
+    cells: int,
+) -> dict[str, np.ndarray]:
+    """The squared errors (nt,) of bodies, by name, that meshes for several targets are made of. Not collective.
+
+    Parameters
+    ----------
+    parts : by target the squared errors of its own of the cells of these bodies
+    sums : of them over all bodies; targets whose sum is zero do not count
+    cells : number of the cells of all bodies
+    """
+    count = [name for name in misses if sums[name]]
+    if not count:
+        return dict(parts[next(iter(misses))])
+    weights = {name: misses[name].over ** 2 / sums[name] for name in count}
+    first, total = weights[count[0]], dict[str, np.ndarray]()
+    for name in count:
+        for body, squares in parts[name].items():
+            total[body] = total.get(body, 0.0) + weights[name] / first * squares
+    if [*misses] == [ENERGY]:
+        return total
+    mean = sum(weights[name] * sums[name] for name in count) / first / cells
+    return {body: np.maximum(squares, LADDER["least"] * mean) for body, squares in total.items()}
+
+
 def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> Sizes:
     """The sizes κ h_e η_e^(−2/(2p+d)) for the squared errors η_e² (nt,) of the cells; `scale` is κ."""
     d = mesh.dimension
@@ -90,7 +185,7 @@ def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> S
 
 
 def next_refinement(
-    levels: Sequence[Level], goal: float, most: int, doubling: bool, dimension: int
+    levels: Sequence[Level], goal: float, most: float, doubling: bool, dimension: int
 ) -> int | None:
     """How many times finer than the scene's the next meshes are.
 
@@ -139,12 +234,14 @@ class MeshLadder:
     scene : with the meshes to begin with
     levels : that were solved on
     missed : why this mesh is the last one although it misses the target; empty otherwise
+    targets : of results by name
     refinement : of the mesh to solve on now
     sizes : of the elements of this rank's geometries in the mesh to solve on now; none before there is an estimate
     """
 
     def __init__(self, scene: Settled) -> None:
         self.scene, self.levels, self.missed = scene, list[Level](), ""
+        self.targets: dict[str, Target] = targets(scene)
         if scene.aimed:
             log.info("%s", scene.aimed)
         self.refinement: float = 1
@@ -155,7 +252,7 @@ class MeshLadder:
 
     def state(self) -> dict[str, Any]:
         return {
-            "levels": tuple(self.levels),
+            "levels": tuple((*level[:4], dict(level.results), level.cost) for level in self.levels),
             "missed": self.missed,
             "refinement": self.refinement,
             "sizes": {name: asdict(sizes) for name, sizes in self.sizes.items()},
@@ -163,7 +260,10 @@ class MeshLadder:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self.levels, self.missed = [Level(*level) for level in state["levels"]], state["missed"]
+        self.levels, self.missed = [], state["missed"]
+        for *level, results, cost in state["levels"]:
+            bars = {name: Bar(*bar) for name, bar in results.items()}
+            self.levels.append(Level(*level)._replace(results=bars, cost=Cost(*cost)))
         self.refinement = state["refinement"]
         self.sizes, self._former = (
             {name: Sizes(**entry) for name, entry in state[kind].items()}
@@ -189,54 +289,112 @@ class MeshLadder:
         target = self.scene.method.target_error
         return (1.0 - CAUTION / self.scene.body[0].mesh.order) * target if target else math.inf
 
-    def rate(self, error: float) -> float:
-        """The rate of geometries: the order of the elements, or less where the `error` on this mesh is larger than was
-        aimed for, as with singular stresses at corners."""
+    def misses(self, error: float, bars: Mapping[str, Bar]) -> dict[str, Miss]:
+        """The errors by target, that in the energy norm and the `bars` of results. Where results have targets the first
+        is at most so large that there are bars."""
+        goal = min(self.goal, LARGEST) if self.targets else self.goal
+        found = {ENERGY: Miss(error, goal)} if self.scene.method.aimed else {}
+        half = 0.5 * self.scene.body[0].mesh.order
+        for name, target in self.targets.items():
+            bar, most = bars[name], allowed(target, bars[name].value or 0.0) ** 0.5
+            if (
+                bar.word and bar.excess > 1.0
+            ):  # distances of neighbours fall with the square of the size
+                rough = most * min(bar.excess, LADDER["unresolved"]) ** half
+                found[name] = Miss(max(bar.rough**0.5, rough), most)
+            elif most:
+                found[name] = Miss(bar.rough**0.5, most)
+        return found
+
+    def _worst(self, error: float, bars: Mapping[str, Bar]) -> Miss:
+        """The largest of the errors over what is allowed."""
+        found = self.misses(error, bars).values()
+        return max(found, key=lambda miss: miss.over, default=Miss(error, self.goal))
+
+    def rate(self, error: float, bars: Mapping[str, Bar] = MappingProxyType({})) -> float:
+        """The rate of geometries: the order of the elements, or less where the errors on this mesh are larger than was
+        aimed for, as with singular stresses at corners. For results a step away from the first mesh, which is not made
+        for them, says nothing."""
         order = float(self.scene.body[0].mesh.order)
-        if not self.levels:
+        if len(self.levels) <= bool(self.targets):
             return order
-        wanted = max(LADDER["aim drawn"] * self.goal / self.levels[-1].error, LADDER["drop"])
-        seen = min(error / self.levels[-1].error, LADDER["almost"])
+        before, now = self._worst(*self.levels[-1].errors), self._worst(error, bars)
+        wanted = max(LADDER["aim drawn"] * before.goal / before.error, LADDER["drop"])
+        seen = min(now.error / before.error * (before.goal / now.goal), LADDER["almost"])
         return min(max(order * math.log(seen) / math.log(wanted), LADDER["slowest"]), order)
 
     def proceed(
-        self, n: int, error: float, dofs: int, demands: Mapping[str, Demand] | None = None
+        self,
+        n: int,
+        error: float,
+        dofs: int,
+        demands: Mapping[str, Demand] | None = None,
+        bars: Mapping[str, Bar] = MappingProxyType({}),
+        cost: Cost = Cost(),  # noqa: B008
     ) -> float | None:
-        """Note the `error` on this mesh; return the refinement of the next one, or None to stay with this one.
+        """Note the errors on this mesh; return the refinement of the next one, or None to stay with this one.
 
         Parameters
         ----------
+        error, bars : in the energy norm, and of results by name
         demands : of all geometries, by the names of their bodies
+        cost : of this mesh
         """
-        method = self.scene.method
         if self.missed:
             return None
         if self._all_drawn and self.levels:
             self.refinement = round((dofs / self.levels[0].dofs) ** (1 / self.scene.dimension), 3)
-        self._rate = self.rate(error)
-        self.levels.append(Level(self.refinement, n, error, dofs))
-        if method.target_error is None or error <= self.goal:
+        self._rate = self.rate(error, bars)
+        self.levels.append(Level(self.refinement, n, error, dofs, bars, cost))
+        unmet = self._unmet()
+        if not unmet:
             return None
         given = [body.name for body in self.scene.body if not body.mesh.refinable]
-        following = None if given else self._next(demands or {})
+        vain = self._vain()
+        following = None if given or vain else self._next(demands or {})
         if following:
             self.refinement = following
-            log.info(
-                "estimated discretization error %.2g, at most %.2g is asked for: going on with %s",
-                error,
-                self.goal,
-                self.meshes,
-            )
+            log.info("%s: going on with %s", "; ".join(unmet), self.meshes)
             return following
         reason = (
             f'the mesh of {" and of ".join(given)} is given: allow finer ones by mesh.refine = "as needed"'
             if given
-            else f"meshes that meet it would probably exceed method.max_unknowns = {method.max_unknowns}"
+            else "meshes that meet it would probably exceed method.max_unknowns = "
+            f"{self.scene.method.max_unknowns}"
         )
         if len(self.levels) >= LADDER["meshes"] and self._any_drawn:
             reason = f"{len(self.levels)} meshes did not reach it"
-        self.missed = self._miss(reason)
+        self.missed = self._miss(vain or reason)
         return None
+
+    def _unmet(self) -> list[str]:
+        """The targets that the last mesh misses, in words."""
+        level, found = self.levels[-1], list[str]()
+        if level.error > self.goal:
+            found.append(
+                f"estimated discretization error {level.error:.2g}, at most {self.goal:.2g} is asked for"
+            )
+        for name, target in self.targets.items():
+            value, bar, word, *_ = level.results[name]
+            most = allowed(target, value or 0.0)
+            if bar is None:
+                found.append(f"{name}: no bar, {word}")
+            elif bar > most:
+                found.append(f"{name}: {value:.4g} ± {bar:.2g}, at most {most:.2g} is asked for")
+        return found
+
+    def _vain(self) -> str:
+        """Why no mesh at all meets the targets; empty otherwise."""
+        for name, target in self.targets.items():
+            bar = self.levels[-1].results[name]
+            if bar.word in FINAL:
+                return f"{name} has no bar on finer meshes either"
+            if allowed(target, bar.value or 0.0) >= bar.floor:
+                continue
+            if abs(bar.value or 0.0) < bar.floor:
+                return f"{name} is zero but for rounding; ask for {{ within = … }} in its unit"
+            return f"the bar of {name} is at least {bar.floor:.2g} on any mesh"
+        return ""
 
     def draw(self, geometries: Mapping[str, tuple[Mesh, np.ndarray]]) -> None:
         """Find the sizes of the next meshes of this rank's geometries from their meshes and squared errors."""
@@ -260,11 +418,13 @@ class MeshLadder:
         return True
 
     def _miss(self, reason: str) -> str:
-        return (
-            f"certified, but the estimated discretization error of {self.levels[-1].error:.2g} misses "
-            f"method.target_error = {self.scene.method.target_error:g}, met by an estimate of at most "
-            f"{self.goal:.2g}; {reason}"
-        )
+        error, target, words = self.levels[-1].error, self.scene.method.target_error, self._unmet()
+        if target and error > self.goal:
+            words[0] = (
+                f"the estimated discretization error of {error:.2g} misses method.target_error = {target:g}, met by "
+                f"an estimate of at most {self.goal:.2g}"
+            )
+        return f"certified, but {'; '.join([*words, reason])}"
 
     def _next(self, demands: Mapping[str, Demand]) -> float | None:
         """The next refinement, and the scale of the sizes of geometries; None if the target is out of reach."""
@@ -275,7 +435,8 @@ class MeshLadder:
         share, square, cells = (sum(column) for column in zip(*demands.values(), strict=True))
         # Equal errors of all new elements leave the fraction f of the error if κ^(2p) = f² Σ η_e² / Σ η_e^(2d/(2p+d)),
         # and take κ^(−d) Σ η_e^(2d/(2p+d)) elements, `times` as many as now.
-        final = LADDER["aim drawn"] * self.goal / last.error
+        worst = self._worst(*last.errors)
+        final = LADDER["aim drawn"] * worst.goal / worst.error
         scale = [
             (square * fraction**2 / share) ** (0.5 / rate)
             for fraction in (max(final, LADDER["drop"]), final)
@@ -298,10 +459,12 @@ class MeshLadder:
         )
 
     def _next_grid(self) -> int | None:
+        over = [level._replace(error=self._worst(*level.errors).over) for level in self.levels]
+        return self._finer(over, 1.0, self.scene.method.max_unknowns)
+
+    def _finer(self, levels: Sequence[Level], goal: float, most: float) -> int | None:
         doubling = any(body.mesh.file is not None for body in self.scene.body)
-        return next_refinement(
-            self.levels, self.goal, self.scene.method.max_unknowns, doubling, self.scene.dimension
-        )
+        return next_refinement(levels, goal, most, doubling, self.scene.dimension)
 
 
 def refine_scene(scene: Settled, refinement: int) -> Settled:

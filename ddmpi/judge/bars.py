@@ -45,6 +45,9 @@ PATCHY = "covers a part of its sides"
 STEPPED = "of all load steps"
 """Words in the place of bars."""
 
+FINAL = (UNSOLVED, UNDETERMINED, LOCKED, ENDLESS, STEPPED)
+"""Those of them that finer meshes leave."""
+
 FACTORS = {1: 0.8, 2: 1.4}
 """Of |Σ η_K| and the stars in a bar, by the order of the elements: docs/tables/errors.md has how they were found. Those
 of linear cells contain a part of the scatter of stresses."""
@@ -76,6 +79,24 @@ FLOOR = 1e-5
 
 
 RESULTANTS = ("force", "normal_force", "tangential_force", "pressure_mean", "moment", "reaction")
+
+
+class Bar(NamedTuple):
+    """A result with its bar, or a word in its place.
+
+    Attributes
+    ----------
+    rough : about what the bar would be without the word; nan if unknown
+    excess : how far a largest value differs from those beside it over what is allowed, for the words that say so
+    floor : the least bar on any mesh
+    """
+
+    value: float | None
+    bar: float | None
+    word: str
+    rough: float = np.nan
+    excess: float = 0.0
+    floor: float = 0.0
 
 
 class Dual(NamedTuple):

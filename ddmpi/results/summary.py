@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Collection, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,6 +13,7 @@ import numpy as np
 from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.bars import (
     COARSE,
+    COVERED,
     ENDLESS,
     FLOOR,
     LARGEST,
@@ -19,6 +21,7 @@ from ddmpi.judge.bars import (
     STEPPED,
     UNCERTIFIED,
     UNDETERMINED,
+    Bar,
     Measured,
     told,
 )
@@ -146,28 +149,33 @@ def quantity_of(result: str) -> str:
     return ROWS[f"{one.kind}.NAME.{'points.POINT.' * bool(one.point)}{one.what}"].quantity
 
 
-def errors_of(
+def bars_of(
     summary: Mapping[str, Any], measured: Mapping[str, Measured], unbounded: Collection[str]
-) -> dict[str, dict[str, Any]]:
-    """The entry ``errors`` of a summary, from what is known of results by their names, and those of them that may have
-    no limit on finer meshes. Not collective."""
+) -> dict[str, Bar]:
+    """The bars of results, from what is known of them by their names, and those that may have no limit on finer meshes.
+    Not collective."""
     scales, order = _scales(summary), summary["order"]
     error, found = summary["discretization_error"]["energy_norm"], {}
     for result, known in measured.items():
-        value, bar = value_of(summary, result), None
+        value = value_of(summary, result)
         doubt = UNCERTIFIED if known.word == UNCERTIFIED else _instead(summary, result, error)
         scale = scales[quantity_of(result)]
         grows = value is not None and abs(value) > FLOOR * scale and result in unbounded
         word = doubt or ENDLESS * grows
         if value is None:
-            word = word or UNDETERMINED
-        elif word in ("", COARSE, LOCKED):
-            bar, why = told(named(result), order, known, value, scale)
-            # statics alone gives it, on any mesh: its dual has no strain, and no contact is open altogether
-            given = bar is not None and bar <= FLOOR * max(scale, known.terms)
-            given = given and (known.terms > 0.0 or not summary["contacts"])
-            bar, word = (bar, why) if given or not word else (None, word)
-        found[result] = {"value": value, "bar": bar, "word": word, "half": None}
+            found[result] = Bar(value, None, word or UNDETERMINED)
+            continue
+        bar, why = told(named(result), order, known, value, scale)
+        least = FLOOR * max(scale, known.terms)
+        # statics alone gives it, on any mesh: its dual has no strain, and no contact is open altogether
+        given = bar is not None and bar <= least and (known.terms > 0.0 or not summary["contacts"])
+        if word not in ("", COARSE, LOCKED) or (word and not given):
+            bar, why = None, word
+        plain = replace(known, kink=0.0, area=0.0)
+        rough, _ = told(named(result), order, plain, value, scale)
+        excess = max(known.kink, known.area / COVERED)
+        about = abs(value) if rough is None else rough
+        found[result] = Bar(value, bar, why, about, excess, least)
     return found
 
 

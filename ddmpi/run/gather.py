@@ -3,7 +3,7 @@
 import itertools
 import logging
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -19,7 +19,7 @@ from ddmpi.coupling.ranks import team_of
 from ddmpi.errors import OutputError
 from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.accuracy import MeshLadder
-from ddmpi.judge.bars import Measured
+from ddmpi.judge.bars import Bar, Measured
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import in_force, unused_options, unused_words
@@ -37,7 +37,6 @@ from ddmpi.results.fields import (
 from ddmpi.results.folder import Staging
 from ddmpi.results.histories import write_frames
 from ddmpi.results.summary import (
-    errors_of,
     plain,
     rigid_partners,
     summarize,
@@ -243,22 +242,15 @@ def gather_summary(
     solution: Solution,
     error: DiscretizationError,
     fields: dict[str, Fields],
-    ladder: MeshLadder,
-    warnings: list[str],
-    free: list[str],
     started: float,
     steps: StepLog,
-    errors: tuple[Mapping[str, Measured], Collection[str]] = ({}, ()),
 ) -> dict:
-    """All of summary.json but the times, on the first rank; nothing on the others. Collective.
+    """summary.json without the times and what `conclude` puts there, on the first rank; nothing on the others. Collective.
 
     Parameters
     ----------
     error, fields : of this rank's bodies
-    ladder : the meshes that led here
-    warnings, free : of the scene and of the answer; motions that no contact resists
     started : as for `provenance`
-    errors : as of `errors_of`
     """
     world, scene = assembly.world, assembly.scene
     team = team_of(world)
@@ -277,8 +269,8 @@ def gather_summary(
     numbered = sorted(itertools.chain(*bodies_of_ranks), key=lambda body: body[0])
     bodies = {name: entry for _, name, entry in numbered}
     run = {
-        "converged": solution.certified and not ladder.missed,
-        "reason": (solution.certified and ladder.missed) or solution.reason,
+        "converged": solution.certified,
+        "reason": solution.reason,
         "order": scene.body[0].mesh.order,
         "ranks": len(hosts),
         "outer_iterations": len(steps.iterations),
@@ -289,10 +281,11 @@ def gather_summary(
             "energy_norm": error.relative,
             "quadratic_n": quadratic,
             "target": scene.method.target_error,
-            "levels": [level._asdict() for level in ladder.levels],
+            "levels": [],
         },
-        "warnings": [*warnings, *unused_words(left)],
-        **_motions(free, solution),
+        "warnings": unused_words(left),
+        "undetermined": [],
+        "held_motions": [motion.entry() for motion in solution.held],
         "exchange": {name: max(counts[name] for counts in sent) for name in sent[0]},
         "reused": {name: reused[name] for name in (*bodies, *solution.contacts) if name in reused},
         "solvers": {"qp": solution.outer.qp_type},
@@ -301,8 +294,30 @@ def gather_summary(
         **_of_steps(scene, solution, steps),
     }
     summary = summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate)
-    told = {"errors": errors_of(summary, *errors)} if errors[0] else {}
-    return summary | told | {"steps": steps.told} | provenance(started, hosts)
+    return summary | {"steps": steps.told} | provenance(started, hosts)
+
+
+def conclude(
+    summary: dict,
+    solution: Solution,
+    ladder: MeshLadder,
+    bars: Mapping[str, Bar],
+    warnings: list[str],
+    free: list[str],
+) -> None:
+    """Put into a summary what is known at the end: the meshes that led here, bars of results, the warnings of scene and
+    answer, and motions that no contact resists. Not collective."""
+    missed = solution.certified and ladder.missed
+    summary["converged"] = solution.certified and not missed
+    summary["reason"] = missed or solution.reason
+    summary["warnings"] = [*warnings, *summary["warnings"]]
+    summary["undetermined"] = free
+    summary["discretization_error"]["levels"] = plain([level.told() for level in ladder.levels])
+    if bars:
+        summary["errors"] = {
+            name: {"value": bar.value, "bar": bar.bar, "word": bar.word, "half": None}
+            for name, bar in bars.items()
+        }
 
 
 def _of_steps(scene: Settled, solution: Solution, steps: StepLog) -> dict[str, Any]:
@@ -352,11 +367,6 @@ def _with_middles(body: Body) -> float:
     facets = ((d + 1) * len(mesh.triangles) + len(mesh.boundary[0])) / 2
     edges = facets if d == 2 else vertices + facets - len(mesh.triangles)
     return body.member.elasticity.n * (vertices + edges) / vertices
-
-
-def _motions(free: list[str], solution: Solution) -> dict[str, list]:
-    """The summary's entries of motions that no contact resists."""
-    return {"undetermined": free, "held_motions": [motion.entry() for motion in solution.held]}
 
 
 def _body(

@@ -26,8 +26,8 @@ from ddmpi.errors import (
     nearest,
 )
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.accuracy import MeshLadder, demand, refine_scene
-from ddmpi.judge.bars import UNCERTIFIED, Measured
+from ddmpi.judge.accuracy import ENERGY, Cost, MeshLadder, Miss, demand, refine_scene, weighted
+from ddmpi.judge.bars import UNCERTIFIED, Bar, Measured
 from ddmpi.judge.diagnosis import diagnose, helpful
 from ddmpi.judge.edges import doubt_edges, unbounded
 from ddmpi.judge.plausible import (
@@ -51,8 +51,16 @@ from ddmpi.pictures.views import View
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.results.fields import Fields
 from ddmpi.results.folder import choose_folder
+from ddmpi.results.summary import bars_of
 from ddmpi.run.equilibrium import undetermined_motions
-from ddmpi.run.gather import Solved, StepLog, fields_of, gather_summary, write_files
+from ddmpi.run.gather import (
+    Solved,
+    StepLog,
+    conclude,
+    fields_of,
+    gather_summary,
+    write_files,
+)
 from ddmpi.run.held import coarse_words
 from ddmpi.run.places import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
@@ -63,9 +71,11 @@ from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agree_on_mistake, agreed, explained, gathered, merged
 from ddmpi.system.clock import Clock
 from ddmpi.system.doubts import Doubt, condensed
-from ddmpi.system.provenance import versions
+from ddmpi.system.provenance import peak_memory, versions
 
 log = logging.getLogger("ddmpi")
+
+MIB = 2.0**20
 
 Former = tuple[Mapping[str, ContactState], np.ndarray | None]
 """Of another answer: the states of its contacts, by name, and the motions of loose bodies (m), if the rank has them."""
@@ -167,6 +177,7 @@ def compute(
         the last two a checkpoint is, as far as one could be written.
     """
     told: list[str] = []  # the warnings that the log has
+    idle = peak_memory()
 
     def attempt() -> Solved | None:
         """Solve on the ladder's present mesh and write the results, or return None: the ladder goes on to another mesh,
@@ -181,9 +192,10 @@ def compute(
         noted = checkpoints if write else None
         solution, steps, assembly = march(assembly, log_step, noted, clock, begin)
         error = _estimate(assembly, solution, clock)
-        if _another_mesh(ladder, assembly, solution, error):
+        solved, bars = _measure(assembly, solution, steps, error, clock)
+        if _another_mesh(ladder, solved, error, bars, _cost(assembly, clock, idle)):
             return None
-        solved = _judge(assembly, solution, steps, error, ladder, clock)
+        _judge(solved, error, ladder, bars, clock)
         if solved.summary:
             log_end(solved.summary, solution)
             log_warnings(solved.summary["warnings"], told)
@@ -332,15 +344,16 @@ def _refuse_cut(assembly: Assembly) -> None:
 
 
 def _refuse_points(assembly: Assembly) -> None:
-    """InputError, on all ranks, where ``output.errors`` names physical points that meshes do not have. Collective."""
+    """InputError, on all ranks, where errors are wanted at physical points that meshes do not have. Collective."""
     wanted = [named(result) for result in wanted_errors(assembly.scene)]
+    key = "output.errors" if assembly.scene.output.errors else "method.target"
     with agreed(assembly.world):
         for body in assembly.bodies:
             points = [*body.mesh.vertices]
             for one in wanted:
                 if one.point and one.name == body.spec.name and one.point not in points:
                     raise InputError(
-                        f"output.errors: body {one.name!r} has no physical point {one.point!r}"
+                        f"{key}: body {one.name!r} has no physical point {one.point!r}"
                         f"{nearest(one.point, points)} (there: {', '.join(points) or 'none'})"
                     )
 
@@ -370,31 +383,59 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
         )
 
 
+def _cost(assembly: Assembly, clock: Clock, idle: float) -> Cost:
+    """What all ranks have used since the last mesh; `idle` is the memory of this rank before the first one (MiB).
+    Collective."""
+    team, used = team_of(assembly.world), clock.lap("factor")
+    seconds, memory = team.do("used") if team else (used[0], peak_memory())
+    number = team.comm.size if team else 1
+    mine = np.array([seconds, used[1] * number, memory * MIB, idle * number * MIB])
+    return Cost(*assembly.world.allreduce(mine).tolist())
+
+
 def _another_mesh(
-    ladder: MeshLadder, assembly: Assembly, solution: Solution, error: DiscretizationError
+    ladder: MeshLadder,
+    solved: Solved,
+    error: DiscretizationError,
+    bars: Mapping[str, Bar],
+    cost: Cost,
 ) -> bool:
     """Whether the ladder goes on to a finer mesh, or back to the last one with a certified answer, which has to be
     solved again. Collective."""
+    assembly, solution = solved.assembly, solved.solution
     if not solution.certified:
         return ladder.fall_back(solution.reason)
-    dofs = assembly.world.allreduce(sum(body.mesh.points.size for body in assembly.bodies))
-    if assembly.scene.method.target_error is None:
-        drawn = {}  # no other mesh follows, and with output.only there is no estimate
-    else:
-        drawn = {
-            body.spec.name: (body.mesh, error.estimates[body.spec.name].squares)
-            for body in assembly.bodies
-            if body.spec.mesh.drawn
-        }
-    rate = ladder.rate(error.relative)
-    demands = merged(
-        assembly.world,
-        {name: demand(squares, rate, mesh.dimension) for name, (mesh, squares) in drawn.items()},
-    )
-    if not ladder.proceed(assembly.n, error.relative, dofs, demands):
+    world, bodies = assembly.world, assembly.bodies
+    dofs = world.allreduce(sum(body.mesh.points.size for body in bodies))
+    misses, rate = ladder.misses(error.relative, bars), ladder.rate(error.relative, bars)
+    drawn = {body.spec.name: body.mesh for body in bodies if body.spec.mesh.drawn}
+    squares = _squares(solved, error, misses) if misses else {}
+    wanted = {
+        name: demand(squares[name], rate, mesh.dimension)
+        for name, mesh in drawn.items()
+        if name in squares
+    }
+    demands = merged(world, wanted)
+    if not ladder.proceed(assembly.n, error.relative, dofs, demands, bars, cost):
         return False
-    ladder.draw(drawn)
+    ladder.draw({name: (mesh, squares[name]) for name, mesh in drawn.items()})
     return True
+
+
+def _squares(
+    solved: Solved, error: DiscretizationError, misses: Mapping[str, Miss]
+) -> dict[str, np.ndarray]:
+    """The squared errors (nt,) of this rank's bodies, by name, of which finer meshes are made. Collective."""
+    energy = {name: estimate.squares for name, estimate in error.estimates.items()}
+    of_results = {
+        name: {body: np.abs(cells) for body, cells in measured.cells.items()}
+        for name, measured in solved.errors.items()
+    }
+    parts = {ENERGY: energy} | of_results
+    sums = [sum(squares.sum() for squares in parts[name].values()) for name in misses]
+    cells = sum(map(len, energy.values()))
+    *sums, cells = solved.assembly.world.allreduce(np.array([*sums, cells])).tolist()
+    return weighted(parts, dict(zip(misses, sums, strict=True)), misses, cells)
 
 
 def _of_answer(
@@ -455,15 +496,15 @@ def _doubt_split(derived: Mapping[str, Entry | None]) -> list[str]:
     ]
 
 
-def _judge(
+def _measure(
     assembly: Assembly,
     solution: Solution,
     steps: StepLog,
     error: DiscretizationError,
-    ladder: MeshLadder,
     clock: Clock,
-) -> Solved:
-    """The answer with its warnings, fields, and on the first rank the summary. Collective."""
+) -> tuple[Solved, dict[str, Bar]]:
+    """The answer with its fields, and on the first rank the summary without warnings and ladder; and the bars of results.
+    Collective."""
     scene, world = assembly.scene, assembly.world
     with clock.phase("recover"), agreed(world), event("Stress"):
         fields = {
@@ -471,40 +512,39 @@ def _judge(
             for body in assembly.bodies
             if not scene.output.only
         }
-    with clock.phase("doubt"):
-        free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
-        warnings = [*assembly.warnings, *locking_of(scene)]
-        if solution.certified:
-            warnings += _of_answer(assembly, solution, steps, error, fields, free)
-        else:
-            warnings += [*_of_meshes(assembly), *steps.doubts_beside(())]
     errors = _errors(assembly, solution, steps.run, clock)
     endless = unbounded(assembly.in_world(), solution.states) if errors else set()
-    return Solved(
-        assembly,
-        solution,
-        fields,
-        gather_summary(
-            assembly,
-            solution,
-            error,
-            fields,
-            ladder,
-            condensed(warnings),
-            free,
-            clock.started,
-            steps,
-            (errors, endless),
-        ),
-        steps,
-        errors,
-    )
+    summary = gather_summary(assembly, solution, error, fields, clock.started, steps)
+    with agreed(world):
+        bars = bars_of(summary, errors, endless) if summary and errors else {}
+    bars = world.bcast(bars)
+    return Solved(assembly, solution, fields, summary, steps, errors), bars
+
+
+def _judge(
+    solved: Solved,
+    error: DiscretizationError,
+    ladder: MeshLadder,
+    bars: Mapping[str, Bar],
+    clock: Clock,
+) -> None:
+    """Put warnings, bars and what led to the mesh into the summary. Collective."""
+    assembly, solution, steps = solved.assembly, solved.solution, solved.steps
+    with clock.phase("doubt"):
+        free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
+        warnings = [*assembly.warnings, *locking_of(assembly.scene)]
+        if solution.certified:
+            warnings += _of_answer(assembly, solution, steps, error, solved.fields, free)
+        else:
+            warnings += [*_of_meshes(assembly), *steps.doubts_beside(())]
+    if solved.summary:
+        conclude(solved.summary, solution, ladder, bars, condensed(warnings), free)
 
 
 def _errors(
     assembly: Assembly, solution: Solution, cycles: int, clock: Clock
 ) -> dict[str, Measured]:
-    """What is known of the errors of the results that ``output.errors`` names. Collective."""
+    """What is known of the errors of results. Collective."""
     scene, time = assembly.scene, solution.time
     factors = scene.factors(1.0 if time is None else scene.drawn(time, cycles))
     wanted = wanted_errors(assembly.scene)

@@ -197,9 +197,10 @@ def _copies(scene: Any) -> Iterator[str]:
             yield (
                 f"body.{body.name}.copy: axisymmetric copies shift along y only, as in shift = [0.0, 0.2]"
             )
-        if copy and scene.method.target_error and body.mesh.drawn:
+        key = "target_error" if scene.method.target_error else "target"
+        if copy and getattr(scene.method, key) and body.mesh.drawn:
             yield (
-                f"body.{body.name}.copy: method.target_error makes the mesh of a drawing, a ball or a cylinder finer "
+                f"body.{body.name}.copy: method.{key} makes the mesh of a drawing, a ball or a cylinder finer "
                 "where its error is, which differs from copy to copy; write mesh and material, or leave the target out"
             )
 
@@ -276,11 +277,11 @@ def _load_steps(scene: Any) -> Iterator[str]:
             'outer = "newton", the default'
         )
     yield from scene.time.wrong_cycle(scene.history)
-    if scene.method.target_error:
-        yield (
-            "time: method.target_error is for one load step; refine the meshes by mesh.divisions or "
-            "mesh.refine"
-        )
+    for key in ("target_error", "target"):
+        if getattr(scene.method, key):
+            yield (
+                f"time: method.{key} is for one load step; refine the meshes by mesh.divisions or mesh.refine"
+            )
 
 
 def _heat(bodies: list[Any]) -> Iterator[str]:

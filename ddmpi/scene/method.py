@@ -25,6 +25,21 @@ Splitting = Literal["none", "step1", "step2", "step1+2"]
 OuterName = Annotated[str, msgspec.Meta(pattern=r"^(newton|anderson|relaxation|[^\s:]+:[^\s:]+)\Z")]
 
 
+class Within(Table, frozen=True, kw_only=True):
+    """A target in the unit of the result, as in ``{ within = 3.0 }``.
+
+    Attributes
+    ----------
+    within : largest error bar, in the unit of the result
+    """
+
+    within: Positive
+
+
+Target = Annotated[float, msgspec.Meta(ge=1e-5, le=1.0)] | Within
+"""Largest error bar of a result, over its value or in its unit."""
+
+
 class Method(Table, frozen=True, kw_only=True):
     """How the scene is solved, and how accurately; see docs/use/methods.md and docs/use/accuracy.md.
 
@@ -39,12 +54,15 @@ class Method(Table, frozen=True, kw_only=True):
     theta : relaxation of the published iteration; left out, 0.2
     tolerance : of the outer iteration: Newton's relative residual, the relative update of other methods; the residuals
         of the certificate must lie below 50 times it. Left out, 1e-8, in the published iteration 1e-4, with
-        a preset the preset's, with target_error a hundredth of it (in the published iteration times theta), with both
-        the smaller one
+        a preset the preset's, with target_error a hundredth of it (in the published iteration times theta), also of
+        targets that are parts of values, with several of these the smallest one
     max_iterations : most outer iterations of a load step
     target_error : estimated relative discretization error in the energy norm; meshes are refined until the estimate is
         safely below it
-    max_unknowns : largest mesh for target_error
+    target : largest error bars of results, over the value or in its unit, as in { "contacts.fit.normal_force" = 0.01,
+        "bodies.shaft.reaction.y" = { within = 3.0 } }; meshes are refined where these results have their errors until
+        all bars are within. The results are those of output.errors, and are told with them
+    max_unknowns : largest mesh for target_error and target
     preset : order, tolerance and target_error where they are left out, see below
     compliance : how C = B A⁻¹ Bᵀ of each body is applied: "explicit", a dense matrix; "direct", a solve for each
         multiplication; "iterative", the same by multigrid. Left out, sizes and free memory decide
@@ -59,6 +77,7 @@ class Method(Table, frozen=True, kw_only=True):
     tolerance: Tolerance | None = None
     max_iterations: Count = 500
     target_error: Annotated[float, msgspec.Meta(ge=1e-9, le=0.3)] | None = None
+    target: dict[str, Target] = {}
     max_unknowns: Count = 3_000_000
     preset: Literal["fast", "balanced", "accurate"] | None = None
     compliance: Literal["explicit", "direct", "iterative"] | None = None
@@ -107,10 +126,11 @@ class Method(Table, frozen=True, kw_only=True):
         preset = PRESETS.get(self.preset or "", {})
         target = self.target_error or (preset.get("target_error") if refinable else None)
         published, theta = self._kind == "relaxation", self.theta or 0.2
-        enough = ALGEBRAIC * target if target else None
-        if enough and published:  # the remaining error is about the last update over theta
-            enough *= min(theta, 1.0)
-        tolerances = [value for value in (preset.get("tolerance"), enough) if value]
+        # of the published iteration the remaining error is about the last update over theta
+        part = ALGEBRAIC * (min(theta, 1.0) if published else 1.0)
+        relative = [one for one in (target, *self.target.values()) if isinstance(one, float)]
+        tolerances = [part * one for one in relative]
+        tolerances += [preset["tolerance"]] if preset else []
         values: dict[str, Any] = {
             "target_error": target,
             "tolerance": self.tolerance or min(tolerances, default=1e-4 if published else 1e-8),
@@ -133,6 +153,11 @@ class SettledMethod(Method, frozen=True, kw_only=True):
 
     outer: OuterName
     tolerance: Tolerance
+
+    @property
+    def aimed(self) -> str:
+        """The key of an accuracy target, for messages; empty without one."""
+        return "target_error" if self.target_error else "target" * bool(self.target)
 
     by_body: ClassVar[bool] = (
         True  # whether two supported bodies solve problems of their own, on a rank each

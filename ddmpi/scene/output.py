@@ -107,10 +107,6 @@ class Output(Table, frozen=True, kw_only=True):
                 raise ValueError(
                     f'{key} = true asks for what only = "{self.only}" leaves out; drop one of the two'
                 )
-        if self.only and self.errors:
-            raise ValueError(
-                f'errors need the fields that only = "{self.only}" leaves out; drop one of the two'
-            )
         if not self.stress and str(self.animation).startswith(("von", "stress", "principal")):
             raise ValueError(
                 f'animation = "{self.animation}" asks for stresses; drop stress = false'

@@ -98,26 +98,39 @@ def main(scene: Any) -> list[str]:
     return found
 
 
+def targets(scene: Any) -> dict[str, Any]:
+    """The targets of ``method.target`` by the names of results with letters."""
+    return {with_letters(result): target for result, target in scene.method.target.items()}
+
+
 def wanted_errors(scene: Any) -> list[str]:
-    """The results whose errors a valid scene wants."""
+    """The results whose errors a valid scene wants: those of ``output.errors``, and those with targets."""
+    return list(dict.fromkeys([*_asked(scene), *targets(scene)]))
+
+
+def _asked(scene: Any) -> list[str]:
+    """The results that ``output.errors`` names."""
     wanted = scene.output.errors
     return main(scene) if wanted == "main" else [with_letters(result) for result in wanted]
 
 
 def refuse_unknown(scene: Any) -> None:
-    """ValueError where ``output.errors`` asks for what there is not."""
-    if not scene.output.errors:
-        return
-    if scene.method.outer != "newton":
-        raise ValueError(f'output.errors: need outer = "newton", not "{scene.method.outer}"')
-    able = list(results(scene, ERRORS))
-    wanted = wanted_errors(scene)
-    for result in wanted:
-        place = re.sub(r"^(bodies\.[^.]+\.points\.).+(\.displacement\.)", r"\1POINT\2", result)
-        if place not in able:
-            near = nearest(result, able) or f" (such as {able[0]!r})"
-            raise ValueError(f"output.errors: there is no result {result!r}{near}")
-        if wanted.count(result) > 1:
-            raise ValueError(f"output.errors: {result!r} stands there {wanted.count(result)} times")
-        if result.endswith("von_mises_max") and not scene.output.stress:
-            raise ValueError(f"output.errors: {result!r} asks for stresses; drop stress = false")
+    """ValueError where ``output.errors`` or ``method.target`` asks for what there is not."""
+    with_targets = [with_letters(result) for result in scene.method.target]
+    able = list(results(scene, ERRORS)) if scene.output.errors or with_targets else []
+    for key, wanted in (("output.errors", _asked(scene)), ("method.target", with_targets)):
+        if wanted and scene.method.outer != "newton":
+            raise ValueError(f'{key}: need outer = "newton", not "{scene.method.outer}"')
+        if wanted and scene.output.only:
+            raise ValueError(
+                f'{key}: need the fields that only = "{scene.output.only}" leaves out; drop one of the two'
+            )
+        for result in wanted:
+            place = re.sub(r"^(bodies\.[^.]+\.points\.).+(\.displacement\.)", r"\1POINT\2", result)
+            if place not in able:
+                near = nearest(result, able) or f" (such as {able[0]!r})"
+                raise ValueError(f"{key}: there is no result {result!r}{near}")
+            if wanted.count(result) > 1:
+                raise ValueError(f"{key}: {result!r} stands there {wanted.count(result)} times")
+            if result.endswith("von_mises_max") and not scene.output.stress:
+                raise ValueError(f"{key}: {result!r} asks for stresses; drop stress = false")

@@ -64,13 +64,13 @@ class Scene(Table, frozen=True, kw_only=True):
     def settled(self, file_kind: FileKind | None = None) -> Settled:
         """The scene with all defaults.
 
-        The order of the elements is that of a body that names one, else 2 for a ``target_error`` if linear triangles
-        lock, else the preset's, else 2 for a ``target_error``, else that of the mesh files by `file_kind`, else 1.
-        Where the target has made it 2, shapes have half their divisions if they can, see `_halved`. The dimension is
-        that of shapes, else of places and vectors, else of the files.
+        The order of the elements is that of a body that names one, else 2 for an accuracy target if linear triangles
+        lock, else the preset's, else 2 for such a target, else that of the mesh files by `file_kind`, else 1. Where a
+        target has made it 2, shapes have half their divisions if they can, see `_halved`. The dimension is that of
+        shapes, else of places and vectors, else of the files.
 
-        Raises ValueError for a ``method.target_error`` with elements that lock, for mesh files of different orders, and
-        for different dimensions in one scene; and the errors of `file_kind`.
+        Raises ValueError for an accuracy target with elements that lock, for mesh files of different orders, and for
+        different dimensions in one scene; and the errors of `file_kind`.
         """
         dimension = dimension_of(self, file_kind)
         method = self.method.settled(
@@ -102,16 +102,16 @@ class Scene(Table, frozen=True, kw_only=True):
         """The order of the elements; and the bodies, with what a target has changed in words."""
         named = next((body.mesh.order for body in self.body if body.mesh.order), None)
         chosen = named or PRESETS.get(method.preset or "", {}).get("order")
-        target = method.target_error
+        target = method.aimed
         locking = next((body for body in self.body if target and body.locking_ratio), None)
         if locking and named == 1:
             raise ValueError(
                 f"body.{locking.name}: linear elements lock at nu = {locking.locking_ratio:g}; "
-                "estimates of their error cannot be trusted, and no method.target_error can be met; leave "
+                f"estimates of their error cannot be trusted, and no method.{target} can be met; leave "
                 "mesh.order out or set it to 2"
             )
         if target and not chosen:
-            return 2, *_halved(self.body)
+            return 2, *_halved(self.body, target)
         return 2 if locking else chosen or self._order_of_files(file_kind), self.body, ""
 
     def _order_of_files(self, file_kind: FileKind | None) -> int:
@@ -130,15 +130,15 @@ class Scene(Table, frozen=True, kw_only=True):
         return next(iter(orders.values()), 1)
 
 
-def _halved(bodies: list[BodySpec]) -> tuple[list[BodySpec], str]:
-    """The bodies whose elements an accuracy target makes quadratic, and what that changes, in words.
+def _halved(bodies: list[BodySpec], target: str) -> tuple[list[BodySpec], str]:
+    """The bodies whose elements a `target`, a key of the method, makes quadratic, and what that changes, in words.
 
     Shapes have half their divisions, and nearly the nodes of linear elements, where all divisions of all shapes are
     even and leave two cells, and no mesh is from a file: matching meshes stay matching.
     """
     shapes = [body.mesh for body in bodies if body.mesh.divisions]
     files = any(body.mesh.file for body in bodies)
-    words = "quadratic elements, as no mesh.order is named beside method.target_error"
+    words = f"quadratic elements, as no mesh.order is named beside method.{target}"
     if files:
         words += "; new middles of sides of mesh files are on straight lines"
     if not shapes or files or any(k % 2 or k < 4 for mesh in shapes for k in mesh.divisions or ()):

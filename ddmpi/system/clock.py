@@ -17,6 +17,14 @@ class Clock:
 
     seconds: dict[str, float] = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter)
+    _lap: tuple[float, float] = field(default_factory=lambda: (time.process_time(), 0.0))
+
+    def lap(self, phase: str) -> tuple[float, float]:
+        """Processor seconds of this rank since the last lap, and those of a phase among them, which are at most all. Not
+        collective."""
+        before, self._lap = self._lap, (time.process_time(), self.seconds.get(phase, 0.0))
+        spent, of_phase = (now - then for now, then in zip(self._lap, before, strict=True))
+        return spent, min(spent, of_phase)
 
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:

@@ -470,7 +470,7 @@ def test_target_out_of_reach_is_an_error_with_results(tmp_path):
     assert done.code == 3
     assert len(done.messages) == 1
     reason = "method.max_unknowns = 5000"
-    assert reason in done.messages[0] and "estimated discretization error" in done.messages[0]
+    assert reason in done.messages[0] and "misses method.target_error = 0.02" in done.messages[0]
     assert done.summary["converged"] is False
     assert reason in done.summary["reason"]
 

@@ -660,6 +660,12 @@ TIMES = [
         "method.target_error=0.1",
         "method.tolerance=0.1",
     ),
+    Bound(
+        "method.target is for one load step",
+        "steps",
+        "method.target={'bodies.upper.reaction.x' = 0.1}",
+        "output.errors=['bodies.upper.reaction.x']",
+    ),
 ]
 
 MOTIONS = [
@@ -827,6 +833,12 @@ COPIES = [
         [mesh('geometry="a.geo", size=0.5'), BESIDE, "method.target_error=0.1"],
         [BESIDE, "method.target_error=0.1"],
     ),
+    Bound(
+        "body.lower.copy: method.target makes",
+        "pair",
+        [mesh('geometry="a.geo", size=0.5'), BESIDE, "method.target={'bodies.upper.energy' = 0.1}"],
+        [BESIDE, "method.target={'bodies.upper.energy' = 0.1}"],
+    ),
 ]
 """Limits of copies of bodies."""
 
@@ -934,7 +946,7 @@ ASKED = [
         ["output.stress=false", "output.errors=['bodies.upper.displacement_max']"],
     ),
     Bound(
-        'errors need the fields that only = "contacts" leaves out',
+        'output.errors: need the fields that only = "contacts" leaves out',
         "plane",
         ["output.only=contacts", "output.errors=main"],
         "output.errors=main",
@@ -944,6 +956,48 @@ ASKED = [
         "pair",
         ["method.outer=anderson", "output.errors=main"],
         "output.errors=main",
+    ),
+    Bound(
+        "method.target: there is no result 'contacts.upper-lower.normal_forces'",
+        "plane",
+        "method.target={'contacts.upper-lower.normal_forces' = 0.01}",
+        "method.target={'contacts.upper-lower.normal_force' = 0.01}",
+    ),
+    Bound(
+        "method.target: 'bodies.upper.reaction.x' stands there 2 times",
+        "plane",
+        "method.target={'bodies.upper.reaction.x' = 0.1, 'bodies.upper.reaction.0' = 0.1}",
+        "method.target={'bodies.upper.reaction.x' = 0.1, 'bodies.upper.reaction.1' = 0.1}",
+    ),
+    Bound(
+        'method.target: need the fields that only = "contacts" leaves out',
+        "plane",
+        ["output.only=contacts", "method.target={'bodies.upper.reaction.x' = 0.1}"],
+        "method.target={'bodies.upper.reaction.x' = 0.1}",
+    ),
+    Bound(
+        'method.target: need outer = "newton", not "anderson"',
+        "pair",
+        ["method.outer=anderson", "method.target={'bodies.upper.reaction.x' = 0.1}"],
+        "method.target={'bodies.upper.reaction.x' = 0.1}",
+    ),
+    Bound(
+        "method.target.bodies.upper.reaction.x: expected a number >= 1e-05",
+        "plane",
+        "method.target={'bodies.upper.reaction.x' = 0.9e-5}",
+        "method.target={'bodies.upper.reaction.x' = 1e-5}",
+    ),
+    Bound(
+        "method.target.bodies.upper.reaction.x: expected a number <= 1.0",
+        "plane",
+        "method.target={'bodies.upper.reaction.x' = 1.001}",
+        "method.target={'bodies.upper.reaction.x' = 1.0}",
+    ),
+    Bound(
+        "within: expected a number > 0",
+        "plane",
+        "method.target={'bodies.upper.reaction.x' = {within = 0.0}}",
+        "method.target={'bodies.upper.reaction.x' = {within = 1e-99}}",
     ),
     Bound(
         'output.errors: there are none with time.motions = "far"',

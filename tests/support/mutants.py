@@ -63,6 +63,7 @@ CHANGED = "run/test_model.py::test_each_change_has_the_answer_of_a_run_by_itself
 COUNTS = "run/test_model.py::test_each_dependency_counts"
 DERIVED = "derive/test_derivatives.py"
 BARS, ERRORS = "judge/test_bars.py", "run/test_errors.py"
+TARGETS = "judge/test_targets.py"
 DIFFERENCES = f"{DERIVED}::test_derivatives_are_those_of_differences"
 ANSWER, NODES = "run/test_answer.py", f"{CERTIFICATE}::test_the_state_of_the_nodes"
 GUIDED, TURNED, BOLTS = (
@@ -633,8 +634,8 @@ MUTANTS = [
         (
             "the outer tolerance forgets the target",
             "scene/method",
-            "enough *= min(theta, 1.0)",
-            "pass",
+            "min(theta, 1.0) if published else 1.0",
+            "1.0",
             "judge/test_accuracy.py::test_the_published_iteration_stops_later_for_a_target",
         ),
         (
@@ -1434,8 +1435,8 @@ MUTANTS = [
         (
             "a target leaves elements linear",
             "scene/scene",
-            "return (2, *_halved(self.body))",
-            "return (1, *_halved(self.body))",
+            "return (2, *_halved(self.body, target))",
+            "return (1, *_halved(self.body, target))",
             "judge/test_accuracy.py::test_a_target_makes_elements_quadratic_unless_their_order_is_named",
         ),
         (
@@ -2955,6 +2956,48 @@ MUTANTS = [
             "judge/test_accuracy.py::test_an_estimate_meets_a_target_with_some_caution",
         ),
         (
+            "a bar is an error of the first order",
+            "judge/accuracy",
+            "found[name] = Miss(bar.rough ** 0.5, most)",
+            "found[name] = Miss(bar.rough, most)",
+            f"{TARGETS}::test_the_root_of_a_bar_is_an_error",
+        ),
+        (
+            "meshes for results need no bars",
+            "judge/accuracy",
+            "goal = min(self.goal, LARGEST) if self.targets else self.goal",
+            "goal = self.goal",
+            f"{TARGETS}::test_the_root_of_a_bar_is_an_error",
+        ),
+        (
+            "no floor under the errors of cells",
+            "judge/accuracy",
+            'np.maximum(squares, LADDER["least"] * mean)',
+            "squares",
+            f"{TARGETS}::test_squared_errors_are_summed_over_what_is_allowed",
+        ),
+        (
+            "targets count by their own size",
+            "judge/accuracy",
+            "misses[name].over ** 2 / sums[name]",
+            "misses[name].over ** 2",
+            f"{TARGETS}::test_squared_errors_are_summed_over_what_is_allowed",
+        ),
+        (
+            "the step to meshes for results has a rate",
+            "judge/accuracy",
+            "len(self.levels) <= bool(self.targets)",
+            "len(self.levels) < 1",
+            f"{TARGETS}::test_a_step_to_meshes_made_for_results_says_nothing_of_their_rate",
+        ),
+        (
+            "a word is a bar",
+            "judge/accuracy",
+            "if bar is None:",
+            "if bar is None and False:",
+            f"{TARGETS}::test_a_ladder_goes_on_while_there_are_words",
+        ),
+        (
             "cycles not seen",
             "judge/diagnosis",
             "return bool(same) and any(",
@@ -3738,8 +3781,8 @@ MUTANTS = [
         (
             "a drawn body wants an estimate without a target",
             "run/run",
-            "if assembly.scene.method.target_error is None:",
-            "if False:",
+            "squares = _squares(solved, error, misses) if misses else {}",
+            "squares = _squares(solved, error, misses)",
             "run/test_contacts_alone.py::test_a_drawn_body_needs_no_estimate_without_a_target",
         ),
         (
@@ -3759,15 +3802,15 @@ MUTANTS = [
         (
             "coarse meshes know no statics",
             "results/summary",
-            "if given or not word else",
-            "if not word else",
+            "or (word and (not given))",
+            "or word",
             "run/test_errors.py::test_forces_that_statics_gives_have_a_bar_on_any_mesh",
         ),
         (
             "all that has a bar is given by statics",
             "results/summary",
-            "given = bar is not None and bar <= FLOOR * max(scale, known.terms)",
-            "given = bar is not None",
+            "given = bar is not None and bar <= least and (",
+            "given = bar is not None and (",
             "run/test_errors.py::test_forces_that_statics_gives_have_a_bar_on_any_mesh",
         ),
         (
@@ -4311,8 +4354,8 @@ MUTANTS = [
         (
             "unused options are no warning",
             "run/gather",
-            "[*warnings, *unused_words(left)]",
-            "[*warnings]",
+            '"warnings": unused_words(left),',
+            '"warnings": [],',
             "system/test_logs.py::test_options_that_nothing_used_are_named_once",
         ),
         (

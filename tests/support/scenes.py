@@ -441,7 +441,8 @@ def to_toml(scene: dict) -> str:
 
 def _toml(value: object) -> str:
     if isinstance(value, dict):
-        return "{ " + ", ".join(f"{key} = {_toml(entry)}" for key, entry in value.items()) + " }"
+        keys = {key: json.dumps(key) if "." in key else key for key in value}
+        return "{ " + ", ".join(f"{keys[key]} = {_toml(value[key])}" for key in value) + " }"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml(entry) for entry in value) + "]"
     return repr(float(value)) if isinstance(value, float) else json.dumps(value, ensure_ascii=False)

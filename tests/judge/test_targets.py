@@ -1,0 +1,248 @@
+"""Targets of results: meshes that are made for them, when a run stops, and what it says when it cannot get there."""
+
+import json
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import (
+    assert_refused,
+    call,
+    drawn_roller,
+    pinched_blocks,
+    rectangle,
+    to_toml,
+    write_scene,
+)
+from solid_scenes import two_boxes
+
+import ddmpi
+from ddmpi.judge.accuracy import LADDER, Cost, MeshLadder, Miss, allowed, weighted
+from ddmpi.judge.bars import COARSE, ENDLESS, LARGEST, UNRESOLVED, Bar
+from ddmpi.scene.reader import read_scene
+
+NORMAL, ALONG = (f"contacts.upper-lower.{what}" for what in ("normal_force", "force.x"))
+PEAK = "bodies.upper.von_mises_max"
+PIN = [NORMAL.replace("upper-lower", "pin-lug"), "contacts.pin-lug.pressure_max"]
+
+
+def aiming(target: dict, scene: dict | None = None, **method) -> dict:
+    return (scene or pinched_blocks(6)) | {"method": {"target": target} | method}
+
+
+def pin_in_lug(scale: float = 1.0) -> dict:
+    """The pin and the lug of configs/drawn, meshed in the run."""
+    lug = {"geometry": "configs/drawn/lug.geo", "size": 8.0}
+    pin = {"geometry": "configs/drawn/pin.geo", "size": 4.0}
+    contact = {"bodies": ["pin", "lug"], "on": ["shank", "hole"]}
+    contact["friction"] = {"law": "coulomb", "coefficient": 0.2}
+    return {
+        "body": [
+            {"name": "lug", "mesh": lug, "clamp": ["end"]}
+            | {"material": {"young": 7e4 * scale, "poisson": 0.33}},
+            {"name": "pin", "mesh": pin, "volume_force": [6.36619772367581 * scale, 0.0]}
+            | {"material": {"young": 2.1e5 * scale, "poisson": 0.3}},
+        ],
+        "contact": [contact],
+    }
+
+
+def ladder_of(target: dict, scene: dict | None = None, *settings: str) -> MeshLadder:
+    return MeshLadder(read_scene("scene.toml", to_toml(aiming(target, scene)), list(settings)))
+
+
+def levels(answer) -> list[dict]:
+    return answer.summary["discretization_error"]["levels"]
+
+
+# Runs
+
+
+def test_meshes_are_refined_until_all_bars_are_within():
+    """By whole numbers, with quadratic elements; the values of 22 cells across, as the design gives them, are covered."""
+    answer = ddmpi.solve(aiming({NORMAL: 0.01, ALONG: {"within": 2e5}}))
+    assert answer.certified and answer.summary["order"] == 2
+    assert levels(answer)[0]["n"] < 600  # half the divisions
+    normal, along = answer.error(NORMAL), answer.error(ALONG)
+    assert normal.bar <= 0.01 * normal.value and along.bar <= 2e5
+    assert abs(normal.value - 1.1507844e8) < normal.bar
+    assert abs(abs(along.value) - 8.325063e6) < along.bar
+    before = levels(answer)[-2]["results"]
+    assert before[NORMAL]["bar"] > 0.01 * normal.value or before[ALONG]["bar"] > 2e5
+    assert [one["refinement"] for one in levels(answer)] == sorted(
+        one["refinement"] for one in levels(answer)
+    )
+
+
+def test_meshes_of_drawings_follow_the_results():
+    """The pin in the lug to 0.1 %: uniform meshes need 70,000 unknowns, the energy norm 58,000. On a uniform mesh of 8
+    times the fineness the force is 2090.9 N. Units hardly matter: gmsh rounds otherwise."""
+    answer = ddmpi.solve(aiming(dict.fromkeys(PIN, 1e-3), pin_in_lug(), tolerance=1e-8))
+    assert answer.certified and levels(answer)[-1]["dofs"] < 1.3 * 5642
+    force, peak = (answer.error(one) for one in PIN)
+    assert force.bar <= 1e-3 * force.value and peak.bar <= 1e-3 * peak.value
+    assert abs(force.value - 2090.9) < force.bar
+    scaled = ddmpi.solve(aiming(dict.fromkeys(PIN, 1e-3), pin_in_lug(1e3), tolerance=1e-8))
+    assert scaled.summary["n"] == pytest.approx(answer.summary["n"], rel=0.02)
+
+
+def test_targets_in_space_and_of_both_kinds():
+    """Both hold: the smaller error decides."""
+    scene = two_boxes(2)
+    for each in scene["body"]:
+        each["mesh"].pop("order", None)
+    one = ddmpi.solve(aiming({NORMAL: 0.05}, scene))
+    both = ddmpi.solve(aiming({NORMAL: 0.05}, scene, target_error=0.07))
+    assert one.error(NORMAL).bar <= 0.05 * one.error(NORMAL).value
+    assert both.error(NORMAL).bar <= 0.05 * both.error(NORMAL).value
+    assert both.summary["discretization_error"]["energy_norm"] <= 0.063
+    assert one.summary["discretization_error"]["energy_norm"] > 0.063
+    assert both.summary["n"] > one.summary["n"]
+
+
+@pytest.mark.parametrize(
+    ("target", "method", "words", "meshes"),
+    [
+        ({ALONG: 0.01}, {"max_unknowns": 3000}, "would probably exceed method.max_unknowns", 2),
+        ({PEAK: 0.01}, {}, f"no bar, {ENDLESS}; {PEAK} has no bar on finer meshes either", 1),
+        ({ALONG: 1e-5}, {}, "on any mesh", 1),
+    ],
+)
+def test_what_cannot_be_met_is_said(tmp_path, target, method, words, meshes):
+    """With the results, and with code 3; what no mesh changes after the first one."""
+    scene = write_scene(aiming(target, **method), tmp_path / "scene.toml")
+    done = call("run", str(scene), "--output", str(tmp_path / "out"), "--no-figures")
+    assert done.code == 3 and words in done.messages[0]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert words in summary["reason"] and not summary["converged"]
+    assert len(summary["discretization_error"]["levels"]) == meshes
+    assert summary["errors"].keys() == target.keys()
+
+
+def test_a_number_that_is_zero_by_statics_needs_a_unit():
+    """A symmetric block between smooth jaws is not pushed aside."""
+    block = rectangle("block", (0.0, 0.0), (2.0, 1.0), (4, 4), clamp=["bottom"])
+    block["traction"] = [{"on": "top", "value": [0.0, -1e6]}]
+    scene, aside = {"body": [block]}, "bodies.block.reaction.x"
+    answer = ddmpi.solve(aiming({aside: 0.01}, scene))
+    assert not answer.certified and "is zero but for rounding" in answer.reason
+    assert len(levels(answer)) == 1
+    assert ddmpi.solve(aiming({aside: {"within": 1e4}}, scene)).certified
+
+
+def test_a_peak_is_resolved_where_it_is_smooth():
+    """A coarse mesh has words for it, a finer one a bar: Hertz's pressure of a cylinder between rigid planes."""
+    scene, peak = drawn_roller(), "contacts.cylinder-block.pressure_max"
+    answer = ddmpi.solve(aiming({peak: 0.01}, scene))
+    assert answer.certified
+    words = [one["results"][peak]["word"] for one in levels(answer)]
+    assert words[0] and not words[-1]
+    assert abs(answer.error(peak).value - 3585.36) < 0.01 * 3585.36
+
+
+def test_bad_targets_are_refused_before_work():
+    assert_refused(aiming({"contacts.uper-lower.normal_force": 0.1}), "did you mean", NORMAL)
+    steps = aiming({NORMAL: 0.1}) | {"time": {"points": [1.0], "steps": 1}}
+    assert_refused(steps, "method.target is for one load step")
+    assert_refused(
+        aiming({"bodies.upper.points.tip.displacement.x": 0.1}), "method.target", "'tip'"
+    )
+    assert_refused(aiming({PEAK: 0.1}) | {"output": {"stress": False}}, "method.target", PEAK)
+
+
+@pytest.mark.mpi(ranks=[2, 3])
+def test_targets_on_several_ranks():
+    """Bodies on ranks of their own, and with several ranks each, get the meshes of one rank, but for rounding, from which
+    gmsh makes other ones."""
+    world, scene = MPI.COMM_WORLD, aiming(dict.fromkeys(PIN, 5e-3), pin_in_lug())
+    answer = ddmpi.solve(scene, world)
+    alone = ddmpi.solve(scene, MPI.COMM_SELF) if world.rank == 0 else None
+    mine = [(one["n"], one["results"][PIN[0]]["bar"]) for one in levels(alone)] if alone else None
+    expected = world.bcast(mine)
+    assert answer.certified and len(levels(answer)) == len(expected)
+    assert levels(answer)[0]["n"] == expected[0][0]
+    for one, (n, bar) in zip(levels(answer), expected, strict=True):
+        assert one["n"] == pytest.approx(n, rel=0.03)
+        assert one["results"][PIN[0]]["bar"] == pytest.approx(bar, rel=0.3)
+
+
+# The ladder
+
+
+def test_the_order_and_the_tolerance_follow_targets():
+    """As with a target of the energy norm: a named order and tolerance win, then those of the preset."""
+
+    def settled(*settings: str):
+        return ladder_of({NORMAL: 0.02, ALONG: {"within": 3.0}}, None, *settings).scene
+
+    assert settled().body[0].mesh.order == 2 and settled().method.tolerance == pytest.approx(2e-4)
+    assert "beside method.target;" in settled().aimed
+    assert settled("body.upper.mesh.order=1").body[1].mesh.order == 1
+    assert settled("method.preset=fast").body[0].mesh.order == 1
+    assert settled("method.preset=balanced").method.tolerance == 1e-6
+    assert ladder_of({ALONG: {"within": 3.0}}).scene.method.tolerance == 1e-8
+
+
+def test_squared_errors_are_summed_over_what_is_allowed():
+    """Each target counts as much as it misses, wherever its cells are; no cell asks for less than a part of the mean."""
+    parts = {"a": {"x": np.array([3.0, 1.0])}, "b": {"x": np.array([0.0, 5e3])}}
+    sums, misses = {"a": 4.0, "b": 5e3}, {"a": Miss(2.0, 1.0), "b": Miss(3.0, 1.0)}
+    found = weighted(parts, sums, misses, 2)["x"]
+    assert found / found[0] == pytest.approx([1.0, (1.0 + 9.0) / 3.0])
+    least = weighted({"b": parts["b"]}, sums, {"b": misses["b"]}, 2)["x"]
+    assert least[0] / least[1] == pytest.approx(0.5 * LADDER["least"])
+    energy = {"": {"x": np.array([0.0, 0.3])}}
+    alone = weighted(energy, {"": 0.3}, {"": Miss(0.7, 0.3)}, 2)
+    assert alone["x"].tolist() == [0.0, 0.3]
+
+
+def test_the_root_of_a_bar_is_an_error():
+    """Over what is allowed; a peak that is not resolved errs by how far it differs from its neighbours."""
+    ladder = ladder_of({NORMAL: 0.01, ALONG: {"within": 4.0}})
+    bars = {NORMAL: Bar(-100.0, 9.0, "", 9.0), ALONG: Bar(5.0, 1.0, "", 1.0)}
+    found = ladder.misses(0.1, bars)
+    assert found[NORMAL].over == pytest.approx(3.0) and found[ALONG].over == pytest.approx(0.5)
+    assert found[""] == Miss(0.1, LARGEST)  # above there are no bars
+    assert allowed(ladder.targets[NORMAL], -100.0) == 1.0
+    peak = bars | {ALONG: Bar(5.0, None, UNRESOLVED, 1.0, 2.5)}
+    assert ladder.misses(0.1, peak)[ALONG].over == pytest.approx(2.5)
+    alone = bars | {ALONG: Bar(5.0, None, UNRESOLVED, 1.0, np.inf)}
+    assert ladder.misses(0.1, alone)[ALONG].over == pytest.approx(LADDER["unresolved"])
+    linear = ladder_of({ALONG: 0.1}, None, "body.upper.mesh.order=1").misses(0.1, peak)
+    assert linear[ALONG].over == pytest.approx(2.5**0.5)
+
+
+def test_a_ladder_goes_on_while_there_are_words():
+    """Where the mesh is too coarse, the error in the energy norm decides."""
+    ladder = ladder_of({NORMAL: 0.5})
+    coarse = {NORMAL: Bar(100.0, None, COARSE, 1.0)}
+    assert ladder.proceed(500, 0.5, 550, bars=coarse) == 3
+    assert ladder.proceed(4500, 0.24, 4900, bars={NORMAL: Bar(100.0, 30.0, "", 30.0)}) is None
+    assert not ladder.missed
+
+
+def test_the_bars_of_a_ladder_are_kept():
+    ladder = ladder_of({NORMAL: 0.01})
+    cost = Cost(2.0, 1.0, 3e8, 1e8)
+    ladder.proceed(500, 0.1, 550, bars={NORMAL: Bar(100.0, 9.0, "", 9.0)}, cost=cost)
+    again = ladder_of({NORMAL: 0.01})
+    again.restore(json.loads(json.dumps(ladder.state())))
+    assert again.levels == ladder.levels and again.refinement == ladder.refinement > 1
+    told = again.levels[0].told()
+    assert told["results"] == {NORMAL: {"value": 100.0, "bar": 9.0, "word": ""}}
+    assert (told["seconds"], told["bytes"]) == (2.0, 3e8)
+
+
+def test_a_step_to_meshes_made_for_results_says_nothing_of_their_rate():
+    """Two meshes that are made for them do."""
+    ladder = ladder_of({PIN[0]: 1e-3}, pin_in_lug())
+
+    def bar(size: float) -> dict:
+        return {PIN[0]: Bar(1000.0, size, "", size)}
+
+    assert ladder.rate(0.1, bar(30.0)) == 2.0
+    ladder.proceed(5000, 0.1, 5100, bars=bar(30.0))
+    assert ladder.rate(0.1, bar(20.0)) == 2.0
+    ladder.missed = ""
+    ladder.levels.append(ladder.levels[0]._replace(results=bar(20.0)))
+    assert ladder.rate(0.1, bar(15.0)) < 1.0
