@@ -256,7 +256,6 @@ class ContactState:
                 ("gap", self.gap),
                 ("slip", signed(self.slip)),
                 ("slip_total", signed(self.slip_total)),
-                ("utilisation", self.utilised),
                 ("status", self.status),
             )
         }
@@ -269,6 +268,7 @@ class ContactState:
                 (*forces, *slip),
                 strict=True,
             )
+        columns["utilisation"] = self.utilised[lines.row]
         table = np.empty(len(lines.row), [(name, values.dtype) for name, values in columns.items()])
         for name, values in columns.items():
             table[name] = values

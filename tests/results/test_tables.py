@@ -78,8 +78,8 @@ def test_a_contact_has_a_line_per_node_with_all_digits(tmp_path):
         "gap",
         "slip",
         "slip_total",
-        "utilisation",
         "status",
+        "utilisation",
     ]
     table = columns(tmp_path / "contact_upper-lower.csv")
     assert np.array_equal(np.column_stack([table["x"], table["y"]]), state.interface.xy)
