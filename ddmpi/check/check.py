@@ -32,7 +32,7 @@ from ddmpi.run.held import beyond_meshes, motions_to_hold
 from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
-from ddmpi.scene.contacts import Rigid, SettledContact
+from ddmpi.scene.contacts import Rigid, SettledContact, both_sides
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
 from ddmpi.system.agreement import agreed, merged
@@ -339,7 +339,8 @@ def _describe_contact(
 
 def _describe_missing(lack: Missing, scene: Settled, taken: set[str]) -> Iterator[str]:
     """A missing contact in words, and its lines in a scene, with a name that is not among those `taken`."""
-    nameless = " and ".join(name for name, on in zip(lack.bodies, lack.on, strict=False) if not on)
+    without = (name for name, on in zip(lack.bodies, lack.on, strict=False) if not on)
+    nameless = " and ".join(dict.fromkeys(without))
     what = "where they may touch, add"
     if nameless:
         kind = PHYSICAL[scene.dimension - 1]
@@ -348,7 +349,7 @@ def _describe_missing(lack: Missing, scene: Settled, taken: set[str]) -> Iterato
     yield (
         "# "
         * (not nameless)
-        + f"{' and '.join(lack.bodies)} are {_range(*lack.gap)} {scene.units['length']} apart at "
+        + f"{both_sides(lack.bodies)} are {_range(*lack.gap)} {scene.units['length']} apart at "
         f"{in_words(lack.facets[0].mean(axis=0), 4)} and near it, where no contact names both; {what}"
     )
     if not nameless:

@@ -21,7 +21,7 @@ from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.scene.reader import write_toml
 from ddmpi.surface.cut import FACING
-from ddmpi.surface.near import distance_to
+from ddmpi.surface.near import contained, distance_to
 from ddmpi.surface.side import across, unit
 from ddmpi.system.numbers import SAME, nearest_in
 
@@ -126,7 +126,7 @@ class Missing(NamedTuple):
 
 
 class _Nearest:
-    """Of each facet (f,) of all bodies the nearest place before it on another body or a rigid partner.
+    """Of each facet (f,) of all bodies the nearest place before it on another body, the same one or a rigid partner.
 
     Attributes
     ----------
@@ -181,6 +181,25 @@ class _Nearest:
             reach = np.minimum(self.size[some], body.size[there])
             self._note(some, k, away, body.normal[there], reach, there)
 
+    def look_at_itself(self, k: int) -> None:
+        """Look for places before facets of the k-th body on facets of it that face these and share no corner."""
+        body, start = self.bodies[k], self.starts[k]
+        wide, middle = NEAR * body.size[:, None], body.at.mean(axis=1)
+        some, there = contained(middle, body.at.min(axis=1) - wide, body.at.max(axis=1) + wide)
+        facing = np.einsum("kd,kd->k", body.normal[some], body.normal[there]) < FACING
+        corners = body.facets[:, : body.at.shape[1]]
+        facing &= ~(corners[some][:, :, None] == corners[there][:, None]).any(axis=(1, 2))
+        some, there = some[facing], there[facing]
+        away = nearest_in(middle[some], body.at[there]) - middle[some]
+        reach = np.minimum(body.size[some], body.size[there])
+        # what lies behind is the other side of a thin body
+        ahead = np.einsum("kd,kd->k", away, body.normal[some]) >= -SAME * reach
+        nearest = np.lexsort([np.linalg.norm(away, axis=1)])
+        nearest = nearest[ahead[nearest]]
+        nearest = nearest[np.unique(some[nearest], return_index=True)[1]]
+        some, there = some[nearest], there[nearest]
+        self._note(start + some, k, away[nearest], body.normal[there], reach[nearest], there)
+
     def look_at_rigid(self, k: int, surface: Rigid, some: np.ndarray | None = None) -> None:
         """Look for places on a rigid partner, the k-th of all, before some facets (j,), or all."""
         some = np.arange(len(self.owner)) if some is None else some
@@ -189,7 +208,7 @@ class _Nearest:
         self._note(some, k, -distance[:, None] * against, against, reach)
 
     def pairs(self) -> Iterator[tuple[int, int, np.ndarray, np.ndarray, np.ndarray]]:
-        """Two numbers, the smaller one first, the gaps (k,) between them, and the facets (k,) of both."""
+        """Two numbers, the smaller one or the same first, the gaps (k,) between them, and the facets (k,) of both."""
         local = np.arange(len(self.owner)) - self.starts[self.owner]
         both = np.sort([self.owner, self.partner], axis=0)
         mine = self.owner < self.partner
@@ -202,10 +221,8 @@ class _Nearest:
 def find_missing(
     boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid], contacts: Sequence[SettledContact]
 ) -> Iterator[Missing]:
-    """Groups of bodies, and rigid partners, that face each other closer than NEAR, but not in a contact of both.
-
-    Facets are compared with the nearest point to their middle on other bodies and rigid partners. Not collective.
-    """
+    """Groups of bodies, of one or two, and rigid partners, that face each other closer than NEAR, but not in a contact
+    of both. Facets are compared with the nearest point to their middle. Not collective."""
     bodies, names = list(boundaries.values()), [*boundaries, *(surface.name for surface in rigid)]
     number = {name: k for k, name in enumerate(names)}
     nearest = _Nearest(bodies)
@@ -219,18 +236,25 @@ def find_missing(
             nearest.look_at_rigid(number[on], rigid[number[on] - len(bodies)], some)
     for k, surface in enumerate(rigid, len(bodies)):
         nearest.look_at_rigid(k, surface)
+    for k in range(len(bodies)):
+        nearest.look_at_itself(k)
     for a, b, gap, first, second in nearest.pairs():
-        pair, facets = (names[a], names[b]), {names[a]: first, names[b]: second}
+        pair, both = (names[a], names[b]), (first, second)
         free = np.ones(len(gap), bool)
         for contact in contacts:
-            if set(contact.bodies) == set(pair):
-                named = [
-                    boundaries[name].groups[on][facets[name]]
-                    for name, on in zip(contact.bodies, contact.on, strict=False)
-                ]
-                free &= ~np.logical_and.reduce(named)
+            for order in ((0, 1), (1, 0)):
+                if contact.bodies == (pair[order[0]], pair[order[1]]):
+                    named = [
+                        boundaries[name].groups[on][both[k]]
+                        for name, on, k in zip(contact.bodies, contact.on, order, strict=False)
+                    ]
+                    free &= ~np.logical_and.reduce(named)
         if free.any():
-            sides = [(boundaries[name], facets[name][free]) for name in pair if name in boundaries]
+            sides = [
+                (boundaries[name], facets[free])
+                for name, facets in zip(pair, both, strict=True)
+                if name in boundaries
+            ]
             yield from _missing(pair, sides, gap[free])
 
 
@@ -240,6 +264,10 @@ def _missing(
     """The missing contacts of two that face each other, by the facets (k,) of those that are bodies, and the gaps (k,)
     between them."""
     groups = list(zip(*(body.named(facets) for body, facets in sides), strict=True))
+    if (
+        pair[0] == pair[1]
+    ):  # each pair of facets is found from both; one group is no side and its partner
+        groups = [tuple(sorted(two)) if two[0] != two[1] else ("", "") for two in groups]
     for alike in _together(list(dict.fromkeys(groups)), [body for body, _ in sides]):
         chosen = np.array([group in alike for group in groups])
         on = tuple("+".join(dict.fromkeys(parts)) for parts in zip(*alike, strict=True))
@@ -301,7 +329,8 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
         )
         words.append(f"  part {number}: {name}, quadratic elements of {size:g} mm")
         bodies.append(body | {"mesh": mesh | {"geometry": os.path.relpath(path, folder.resolve())}})
-    missing, taken = list(find_missing(boundaries, [], [])), set[str]()
+    near, taken = find_missing(boundaries, [], []), set[str]()
+    missing = [lack for lack in near if lack.bodies[0] != lack.bodies[1]]
     units = {"length_unit": "mm", "stress_unit": "MPa"}
     text = write_toml({"title": path.stem, "body": bodies, "output": units})
     contacts = "".join(f"\n{lack.lines(taken)}\n" for lack in missing)

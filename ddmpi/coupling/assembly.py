@@ -39,7 +39,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.options import conditions
 from ddmpi.scene.bodies import Material, SettledBody
-from ddmpi.scene.contacts import NoFriction, SettledContact
+from ddmpi.scene.contacts import PAIR, NoFriction, SettledContact
 from ddmpi.scene.motions import frames_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import Located, Side
@@ -57,9 +57,6 @@ Drawn = tuple[Interface, list[str]]
 
 BothLocated = tuple[Located, Located | None]
 """The sides of a contact; None for a rigid partner."""
-
-PAIR = "first", "second"
-"""The names of two bodies whose interface others have in common."""
 
 REUSED = {
     "mesh": ["mesh"],
@@ -312,7 +309,8 @@ def plan_bodies(share: Share, drawn: Mapping[str, Drawn], team: Team | None) -> 
                 faces = [located.side for located in part.sides]
                 bodies.append(Framed(problem, scene, mesh, part.spec, faces, memory))
                 continue
-            ours = Sides(name, [drawn[contact.name][0] for contact, _ in part.touching])
+            met = dict.fromkeys(contact.name for contact, _ in part.touching)
+            ours = Sides(name, [drawn[contact][0] for contact in met])
             rows = [(kept.key("pair", contact.name), side) for contact, side in part.touching]
             depends = kept.key("stiffness", name), rows
             B = kept.get("candidates", name, depends, partial(ours.rows, problem))
@@ -488,9 +486,9 @@ def _connected(
 ) -> Interface:
     """The interface of two bodies, which pairs of alike bodies that are alike to each other have in common: without
     names, and as far from the origin as the first body's home. Not collective. Raises InputError."""
-    names = dict(zip(contact.bodies, PAIR, strict=True))
-    slave = names.get(contact.slave or "")
-    alike = msgspec.structs.replace(contact, name="", bodies=PAIR, slave=slave)
+    slave = dict(zip(contact.roles, PAIR, strict=True)).get(contact.slave or "")
+    bodies = ("", "") if contact.itself else PAIR
+    alike = msgspec.structs.replace(contact, name="", bodies=bodies, slave=slave)
     # a gap that varies is that of the place
     anywhere = contact.opening[0] is None or isinstance(contact.opening[0], float)
     start = one.shift if anywhere else np.zeros_like(one.shift)
@@ -506,7 +504,7 @@ def _connected(
     except InputError:
         connect(one.there, other.there, contact, refinement)  # which says where
         raise
-    slave = dict(zip(PAIR, contact.bodies, strict=True)).get(found.slave or "")
+    slave = dict(zip(PAIR, contact.roles, strict=True)).get(found.slave or "")
 
     def place() -> Interface:
         called = replace(found, name=contact.name, bodies=contact.bodies, slave=slave)

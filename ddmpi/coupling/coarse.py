@@ -271,7 +271,9 @@ def gather_motions(
     )
     blocks = []
     for interface, entries in space.with_slices():
-        sides = dict(zip(interface.bodies, both[interface.name], strict=True))
+        # what a body does at a contact with itself is that of its first side
+        both_sides = zip(interface.bodies, both[interface.name], strict=True)
+        sides = {name: block for name, block in both_sides if block is not None}
         for partner in driven:
             if partner.acts_on(
                 interface
@@ -284,7 +286,6 @@ def gather_motions(
         seen = [
             (np.arange(slices[name].start, slices[name].stop), block)
             for name, block in sides.items()
-            if block is not None
         ]
         numbers, columns = zip(*seen, strict=True)
         blocks.append((entries, np.concatenate(numbers), np.hstack(columns)))

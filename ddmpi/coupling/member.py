@@ -127,16 +127,17 @@ class Member(Sides):
         """B times the root of the compliance of nodes at which the body has several contacts (size, k), sparse; and the
         compliance (size,) in m/N that the other nodes of these rows add. Not collective.
 
-        A node's compliance is the mean of those of its rows; each body of a contact has half of a row's compliance.
+        A node's compliance is the mean of those of its rows; each body of a contact has half of a row's compliance, and
+        all where it is alone.
         """
         B, several = self.C.B.tocoo(), self._several()
-        # 1/c is the compliance of both bodies together at a row: each has half of it, on a rigid partner the body has
-        # all. A row distributes it by the squares of B over its nodes, with one or with several contacts.
+        # 1/c is the compliance of both bodies together at a row: each has half of it, a body alone has all. A row
+        # distributes it by the squares of B over its nodes, with one or with several contacts.
         compliance = np.concatenate(
             [
                 np.empty(0),
                 *(
-                    1.0 / ((2.0 - interface.on_rigid) * interface.stiffness)
+                    1.0 / ((2.0 - interface.alone) * interface.stiffness)
                     for interface in self.interfaces
                 ),
             ]
@@ -199,7 +200,8 @@ class Member(Sides):
         return sum(
             (
                 nodal_forces(interface, side, s[entries], len(self.motions))
-                for interface, entries, side in self._sides
+                for interface, entries, sides in self._sides
+                for side in sides
             ),
             np.zeros(self.motions.shape[:2]),
         )

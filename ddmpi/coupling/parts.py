@@ -27,6 +27,7 @@ from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.seams import find_seam
 from ddmpi.surface.side import Located, Side
 from ddmpi.system import interrupt
+from ddmpi.system.numbers import in_words
 
 
 @dataclass
@@ -83,7 +84,21 @@ def mesh_bodies(share: Share, folder: Path, sizes: Mapping[str, Sizes]) -> None:
         for contact, side in part.touching:
             with naming(f"contact.{contact.name}.on"):
                 part.mesh.facets(contact.on[side])
+                if contact.itself and side:
+                    _refuse_common(part.mesh, contact.on)
         interrupt.check()
+
+
+def _refuse_common(mesh: Mesh, on: Sequence[str]) -> None:
+    """Raise InputError for two groups of a body that have facets in common. Not collective."""
+    one, other = (mesh.facets(group).numbers for group in on)
+    common = np.intersect1d(one, other)
+    if len(common):
+        place = in_words(mesh.points[mesh.boundary[0][common[0], : mesh.dimension]].mean(axis=0))
+        raise InputError(
+            f"{on[0]!r} and {on[1]!r} have {len(common)} {mesh.cell.facet.names} in common, as at {place}; a surface "
+            "is one side of a contact, and another one faces it"
+        )
 
 
 def assemble_bodies(share: Share) -> dict[tuple[str, int], Located]:
@@ -187,7 +202,14 @@ def _side(part: Part, contact: SettledContact, side: int, kept: Kept) -> Located
         spec.material,
         group,
         [(other.on[which], holds_along(other)) for other, which in others],
+        contact.itself and contact.on,
     )
+
+    # a node of both sides, as at the tip of a crack, is held by the body itself
+    shared = np.zeros(len(mesh.points), bool)
+    if contact.itself:
+        one, other = (mesh.facets(on).nodes for on in contact.on)
+        shared[np.intersect1d(one, other)] = True
 
     def make() -> Side:
         return contact_side(
@@ -196,7 +218,7 @@ def _side(part: Part, contact: SettledContact, side: int, kept: Kept) -> Located
             supports,
             "",
             modulus_beside(mesh, material_of(mesh, spec), boundary),
-            _tied(mesh, others, supports.free, group),
+            _tied(mesh, others, supports.free, group) | shared,
             any(group == other.on[which] for other, which in others),
         )
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 import scipy.sparse as sparse
@@ -17,6 +18,8 @@ from ddmpi.interface.trace import (
     trace,
 )
 
+T = TypeVar("T", bound=Any)
+
 
 class Sides:
     """The sides of a body on its interfaces, in the order of their entries in a vector. Its methods are not collective.
@@ -24,7 +27,8 @@ class Sides:
     Attributes
     ----------
     size : length of the body's vectors
-    parts : by contact, the slice of its entries in a vector, and the side, 0 or 1, of the body
+    parts : by contact, the slice of its entries in a vector, and the side, 0 or 1, of the body; where it has both sides,
+        what it does there is the sum over them, and stands for the first
     began : by contact, displacements (nv, d) from which slip counts (m), of bodies that move far
     """
 
@@ -33,47 +37,44 @@ class Sides:
         ends = np.cumsum([0, *(interface.size for interface in self.interfaces)]).tolist()
         self.size = ends[-1]
         self._sides = [
-            (interface, slice(start, stop), interface.side(body))
+            (interface, slice(start, stop), interface.sides(body))
             for interface, (start, stop) in zip(
                 self.interfaces, itertools.pairwise(ends), strict=True
             )
         ]
-        self.parts = {interface.name: (entries, side) for interface, entries, side in self._sides}
+        self.parts = {
+            interface.name: (entries, sides[0]) for interface, entries, sides in self._sides
+        }
 
     def rows(self, elasticity: Elasticity) -> sparse.csr_matrix:
         """B (size, columns of A)."""
         none = sparse.csr_matrix((0, elasticity.A.size[1]))
-        return sparse.vstack(
-            [none, *(trace(interface, side, elasticity) for interface, _, side in self._sides)],
-            format="csr",
-        )
+        rows = self._each(lambda met, side: trace(met, side, elasticity))
+        return sparse.vstack([none, *rows], format="csr")
+
+    def _each(self, of: Callable[[Interface, int], T]) -> Iterator[T]:
+        """What a function of an interface and a side gives on each interface: the sum over the body's sides."""
+        for interface, _, sides in self._sides:
+            first, *second = (of(interface, side) for side in sides)
+            yield sum(second, first)
 
     def trace(self, u: np.ndarray) -> np.ndarray:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes."""
-        return np.concatenate(
-            [np.empty(0), *(displacement_trace(met, side, u) for met, _, side in self._sides)]
-        )
+        rows = self._each(lambda met, side: displacement_trace(met, side, u))
+        return np.concatenate([np.empty(0), *rows])
 
     def beside(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
         """Displacements (m) that belong to no unknown, by contact and side: normal ones at the interfaces' probes, and
         tangential ones of nodes without friction."""
-        return {
-            (interface.name, side): (
-                normal_trace(side, interface.probes, u),
-                sliding_trace(interface, side, u - self.began.get(interface.name, 0.0)),
-            )
-            for interface, _, side in self._sides
-        }
+        between = self._each(lambda met, side: normal_trace(side, met.probes, u))
+        along = self._each(
+            lambda met, side: sliding_trace(met, side, u - self.began.get(met.name, 0.0))
+        )
+        keys = [(name, side) for name, (_, side) in self.parts.items()]
+        return dict(zip(keys, zip(between, along, strict=True), strict=True))
 
     def begin(self, began: Mapping[str, np.ndarray]) -> np.ndarray:
         """Displacement (size,) from which slip counts (m), by `began`: those (nv, d) of all nodes, by contact."""
         self.began = dict(began)
-        return np.concatenate(
-            [
-                np.empty(0),
-                *(
-                    displacement_trace(met, side, self.began[met.name])
-                    for met, _, side in self._sides
-                ),
-            ]
-        )
+        rows = self._each(lambda met, side: displacement_trace(met, side, self.began[met.name]))
+        return np.concatenate([np.empty(0), *rows])

@@ -1,4 +1,5 @@
-"""The interface of two bodies: contact nodes, directions, gaps, and the transfers from the nodes of both sides.
+"""The interface of two bodies, or of two sides of one: contact nodes, directions, gaps, and the transfers from the nodes
+of both sides.
 
 `check_overlap` finds mistakes of a scene, and `contradictions` those of clamps. Each rank with one of the two bodies
 computes the same interface from the sides.
@@ -17,6 +18,7 @@ import scipy.sparse as sparse
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
+from ddmpi.scene.contacts import PAIR
 from ddmpi.surface.outline import Outline
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import ALIKE, RigidMotion
@@ -57,8 +59,11 @@ class Places:
         return scale * self.gap - self.stays * np.minimum(scale * self.gap, 0.0)
 
     def moved(self, side: int, u: np.ndarray) -> np.ndarray:
-        """Displacement (k, d) of the places with a side, from that of all its body's nodes (nv, d)."""
-        return self.transfer[side] @ u[self.nodes[side]]
+        """Displacement (k, d) of the places with a side, from that of all its body's nodes (nv, d); or several, (k, d,
+        j) from (nv, d, j)."""
+        own = u[self.nodes[side]]
+        moved = self.transfer[side] @ own.reshape(len(own), int(np.prod(own.shape[1:])))
+        return moved.reshape(len(moved), *own.shape[1:])
 
     def on_rigid(self) -> Places:
         """The same places with a second side that belongs to no body."""
@@ -207,7 +212,8 @@ class Interface:
     law : of contact and friction at the rows
     modulus : E* (Pa), 1/E* = (1 − ν²)/E of the first body + that of the second; a rigid partner adds nothing
     one_sided : (size,) bool, unknowns along which only one of the bodies can move; empty if there are none
-    slave : name of the body whose nodes carry the rows where the nodes do not match, else None
+    slave : name of the body whose nodes carry the rows where the nodes do not match, "first" or "second" where both
+        sides are of one, else None
     partner : the prescribed motion of the second side
     fixed : nodes without unknowns, because clamps constrain both bodies there; the certificate ignores their gap
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
@@ -366,6 +372,29 @@ class Interface:
     def side(self, body: str) -> int:
         """0 where `body` is the first body, 1 where it is the second."""
         return self.bodies.index(body)
+
+    @property
+    def alone(self) -> bool:
+        """Whether one body alone moves its rows: the partner is rigid, or both sides are of this body."""
+        return self.on_rigid or self.itself
+
+    def sides(self, body: str) -> tuple[int, ...]:
+        """The sides of a `body`: 0 where it is the first, 1 where it is the second, of a contact with itself both."""
+        return tuple(k for k, name in enumerate(self.bodies) if name == body)
+
+    @property
+    def itself(self) -> bool:
+        """Whether both sides are of one body."""
+        return self.bodies[0] == self.bodies[1]
+
+    @property
+    def roles(self) -> tuple[str, str]:
+        """What `slave` calls both sides, as of a `ContactSpec`."""
+        return PAIR if self.itself else self.bodies
+
+    def touched(self, body: str) -> np.ndarray:
+        """The nodes of a `body` at the rows, by their numbers in its mesh."""
+        return np.concatenate([self.rows.nodes[side] for side in self.sides(body)])
 
 
 def check_overlap(

@@ -94,6 +94,19 @@ class Rows:
             )
         return clamped, most
 
+    def moves(self, direction: np.ndarray) -> np.ndarray:
+        """(r,) bool, whether the body that has both sides moves a row in its direction (r, d): not where the row is at a
+        node of both, as at the tip of a crack."""
+        d, columns, values, numbers = direction.shape[1], [], [], []
+        for side, transfer, sign in zip(self.sides, self.transfers, (1.0, -1.0), strict=True):
+            entries = transfer.tocoo()
+            values.append(sign * entries.data[:, None] * direction[entries.row])
+            columns.append(d * side.nodes[entries.col][:, None] + np.arange(d))
+            numbers.append(np.repeat(entries.row[:, None], d, axis=1))
+        along = tuple(np.concatenate(each).ravel() for each in (values, numbers, columns))
+        moved = sparse.csr_matrix((along[0], along[1:]))
+        return np.sqrt(moved.power(2).sum(axis=1).A1) > SAME
+
 
 def rows_of(
     sides: tuple[Side, Side],
@@ -175,6 +188,8 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
     # an unknown that both sides clamp would be a zero row of C; tangents `across` planes of symmetry carry no force
     live = ~clamped.all(axis=0)
     live[:, 1:] &= ~across
+    if contact.itself:
+        live &= np.stack([rows.moves(each) for each in directions], axis=-1)
     # a bond also carries tangential forces alone
     dropped = ~live.any(axis=1) if contact.kind == "bonded" else ~live[:, 0]
     if dropped.all():
@@ -216,7 +231,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         law=law_of(contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live)),
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
         one_sided=of_rows(clamped.any(axis=0)),
-        slave=side.body if rows.points else None,
+        slave=(contact.roles[rows.slave] if contact.itself else side.body) if rows.points else None,
         partner=Partner(pull=pull),
         fixed=_at_rows(rows, np.flatnonzero(dropped), start),
         probes=_probes(rows, contact, dropped, np.flatnonzero(beyond), start),

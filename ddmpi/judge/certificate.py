@@ -137,8 +137,8 @@ def contact_residuals(
         where there are none, and where they are below NO_FORCE of it per node
     yielding : largest contact displacement that the contact forces cause in a body (m). Displacements
         are compared with this (or the overlap, if that is larger) or with the contact displacements,
-        whichever is smaller: a body may move far without strain, or supports may keep it from moving. On a rigid
-        partner the body may not move at all, and displacements are compared with yielding
+        whichever is smaller: a body may move far without strain, or supports may keep it from moving. A body alone, on
+        a rigid partner or itself, may not move at all, and displacements are compared with yielding
     everywhere : largest displacement of all bodies, and largest yielding (m). Displacements are compared with at least
         RESOLVED times the first, and at least with what half-spaces give way, as where clamps constrain the whole
         contact. A contact with next to no force is compared with the second
@@ -151,7 +151,7 @@ def contact_residuals(
     # S is the size of forces, U that of displacements; the floors keep rounding from being compared with rounding
     floor = (NO_FORCE if s.any() else 1.0) * load / np.sqrt(interface.m)
     overlap = law.misfit(state.gap)
-    U = np.inf if interface.on_rigid else max(np.abs(trace).max(initial=0.0) for trace in u)
+    U = np.inf if interface.alone else max(np.abs(trace).max(initial=0.0) for trace in u)
     S = np.abs(s).max(initial=0.0)
     (moved, largest), (moved_before, before) = everywhere, former
     U = max(

@@ -88,19 +88,23 @@ def within(mesh: Mesh, facets: np.ndarray, groups: Sequence[np.ndarray]) -> np.n
     return np.isin(number[: len(facets)], number[len(facets) :])
 
 
-def ends_of(body: Body, contacts: Sequence[tuple[SettledContact, int]]) -> dict[str, Ends]:
-    """The `Ends` of a body at its contacts, given with their sides. Not collective.
+def ends_of(
+    body: Body, contacts: Sequence[tuple[SettledContact, int]]
+) -> dict[tuple[str, int], Ends]:
+    """The `Ends` of a body at its contacts, given with their sides, by contact and side. Not collective.
 
     Where the facet beside is clamped or on another contact, as at a plane of symmetry, nothing is known of the stress.
     """
     mesh = body.mesh
     facets, bends = boundary_of(mesh)
     clamped = clamps_of(body)
-    groups = {contact.name: mesh.facets(contact.on[side]).nodes for contact, side in contacts}
+    groups = {
+        (contact.name, side): mesh.facets(contact.on[side]).nodes for contact, side in contacts
+    }
     found = {}
-    for contact, _ in contacts:
-        inside = within(mesh, facets, [groups[contact.name]])
-        others = [group for name, group in groups.items() if name != contact.name]
+    for key in groups:
+        inside = within(mesh, facets, [groups[key]])
+        others = [group for other, group in groups.items() if other != key]
         held = within(mesh, facets, [*clamped, *others]) & ~inside
         number = inside[bends.facets].sum(axis=1)
         sharp = bends.turn > SHARPEST
@@ -111,7 +115,7 @@ def ends_of(body: Body, contacts: Sequence[tuple[SettledContact, int]]) -> dict[
         angles = np.where(sharp, np.pi - bends.turn, np.pi)
         angles[unknown] = np.nan
         nodes = bends.nodes[chosen]
-        found[contact.name] = Ends(
+        found[key] = Ends(
             mesh.points[nodes[:, [0, -1]]],
             angles[chosen],
             interface_modulus(body),
@@ -178,7 +182,7 @@ def ends_of_clamps(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray
     # What a contact does at a corner is not known.
     touching = np.zeros(len(mesh.points), bool)
     for interface in body.member.interfaces:
-        touching[interface.rows.nodes[interface.side(body.spec.name)]] = True
+        touching[interface.touched(body.spec.name)] = True
     met = touching[facets[bends.facets]].all(axis=2).any(axis=1)
     least[met] = np.pi - SHARPEST
     return one & (np.pi - bends.turn > least + SAME)
@@ -304,12 +308,12 @@ def _places(assembly: Assembly, states: Mapping[str, ContactState]) -> dict[str,
     for body in assembly.bodies:
         name = body.spec.name
         contacts = [
-            (contact, contact.bodies.index(name))
+            (contact, side)
             for contact in assembly.scene.contact
-            if name in contact.bodies
+            for side, of in enumerate(contact.bodies)
+            if of == name
         ]
-        found = ends_of(body, contacts)
-        mine |= {(contact.name, side): found[contact.name] for contact, side in contacts}
+        mine |= ends_of(body, contacts)
     both = assembly.exchange.swap_objects(mine)
     return {
         met.name: singular_places(met, states[met.name].status != "open", both[met.name])
@@ -333,7 +337,7 @@ def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str
         touching = np.zeros(len(mesh.points), bool)
         for interface in body.member.interfaces:
             rubs = not interface.law.frictionless
-            touching[interface.rows.nodes[interface.side(name)]] |= rubs
+            touching[interface.touched(name)] |= rubs
         mirror = _held(body, facets, bends)[2]
         if mesh.axisymmetric:  # the axis mirrors, too
             mirror |= mesh.on_axis[bends.nodes].all(axis=1)

@@ -165,7 +165,7 @@ def doubt_overlaps(
     ]
     warnings = dict[tuple[bool, int, int], str]()
     for number, solid in solids.items():
-        warnings |= _doubt_itself(assembly, number, solid)
+        warnings |= _doubt_itself(assembly, number, solid, interfaces[number])
     for (a, b), ranks, _ in near:
         if a in solids:
             second = solids[b] if b in solids else world.recv(None, ranks[1], b)
@@ -175,15 +175,17 @@ def doubt_overlaps(
     return [warning for _, warning in sorted(gathered(world, warnings).items())]
 
 
-def _doubt_itself(assembly: Assembly, number: int, body: Solid) -> dict[tuple[bool, int, int], str]:
+def _doubt_itself(
+    assembly: Assembly, number: int, body: Solid, interfaces: Sequence[Interface]
+) -> dict[tuple[bool, int, int], str]:
     """The warning, if any, of a body that penetrates itself, by (False, body, body). Not collective."""
     name, unit = assembly.scene.body[number].name, assembly.scene.units["length"]
-    own = penetrates_itself(body)
+    own = penetrates_itself(body, np.isin(body.numbers, _kept(interfaces, name, name)))
     if not own.depth:
         return {}
     words = (
         f"body.{name} penetrates itself by {own.depth:.3g} {unit}, as at {in_words(own.place, 4)}, where no contact "
-        "keeps its sides apart; if they may touch, split it into two bodies, bonded where they are connected"
+        f'keeps its sides apart; if they may touch, add a contact with bodies = ["{name}", "{name}"]'
     )
     return {(False, number, number): Doubt(words, "itself", own.depth, f"body.{name}")}
 
@@ -252,10 +254,11 @@ def _kept(interfaces: Sequence[Interface], body: str, other: str) -> np.ndarray:
         [
             np.empty(0, int),
             *(
-                nodes[interface.side(body)]
+                nodes[side]
                 for interface in interfaces
                 if set(interface.bodies) == {body, other}
                 for nodes in (interface.rows.nodes, interface.fixed.nodes)
+                for side in interface.sides(body)
             ),
         ]
     )
@@ -268,8 +271,9 @@ def _positions(way: float, height: float) -> Iterable[float]:
     return np.arange(1, count + 1) / count
 
 
-def penetrates_itself(body: Solid) -> Overlap:
-    """Where the middle of a facet lies in a boundary cell in the answer, deeper than as drawn.
+def penetrates_itself(body: Solid, kept: np.ndarray | None = None) -> Overlap:
+    """Where the middle of a facet lies in a boundary cell in the answer, deeper than as drawn. Where two cells both have
+    nodes that contacts of the body with itself have `kept` (n,) apart, this does not count.
 
     A boundary cell is the simplex of a facet and the opposite corner of its cell. Those with a node of the facet do not
     count: a quadratic facet that bends leaves the simplex beside it. Nor do places that lie in a boundary cell as drawn,
@@ -283,18 +287,27 @@ def penetrates_itself(body: Solid) -> Overlap:
     if not 0.0 < way <= np.ptp(body.at, axis=0).max():  # or is no number
         return Overlap()
     drawn = body.within
-    some = np.flatnonzero(drawn <= RESOLVED)
+    closed = np.zeros(len(corners), bool) if kept is None else kept[body.facets].any(axis=1)
+    open_facets = np.flatnonzero(~closed)
+    looked = [
+        (np.flatnonzero((drawn <= RESOLVED) & ~closed), np.arange(len(corners))),
+        (np.flatnonzero((drawn <= RESOLVED) & closed), open_facets),
+    ]
     for fraction in _positions(way, float(height.min())):
         x = body.placed(fraction)
-        middle = x[corners[some]].mean(axis=1)
-        share, cell = most_inside(middle, x[body.facets.T], (corners[some], body.facets))
-        depth = share * height[cell]
-        before = np.maximum(drawn[some], 0.0) * height[cell]
-        explained = least + body.sagitta[some] + body.sagitta[cell]
-        excess = depth - before - rounding - np.minimum(explained, RESOLVED * height[cell])
-        k = int(np.argmax(excess)) if len(some) else 0
-        if len(some) and excess[k] > 0.0:
-            return Overlap(float(depth[k]), middle[k])
+        for some, cells in looked:
+            if not len(some) or not len(cells):
+                continue
+            middle, facets = x[corners[some]].mean(axis=1), body.facets[cells]
+            share, nearest = most_inside(middle, x[facets.T], (corners[some], facets))
+            cell = cells[nearest]
+            depth = share * height[cell]
+            before = np.maximum(drawn[some], 0.0) * height[cell]
+            explained = least + body.sagitta[some] + body.sagitta[cell]
+            excess = depth - before - rounding - np.minimum(explained, RESOLVED * height[cell])
+            k = int(np.argmax(excess))
+            if excess[k] > 0.0:
+                return Overlap(float(depth[k]), middle[k])
     return Overlap()
 
 

@@ -16,6 +16,7 @@ from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import cell_with, invert
 from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
 from ddmpi.scene.bodies import SettledBody
+from ddmpi.scene.contacts import both_sides
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import gathered
 from ddmpi.system.doubts import Doubt
@@ -211,8 +212,8 @@ def _moved(
         u = displacements[body.spec.name]
         largest = float(np.linalg.norm(u, axis=1).max())
         for interface in body.member.interfaces:
-            side = interface.side(body.spec.name)
-            mine[interface.name, side] = interface.rows.moved(side, u), largest
+            for side in interface.sides(body.spec.name):
+                mine[interface.name, side] = interface.rows.moved(side, u), largest
     both, found = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
         first, second = both[interface.name]
@@ -228,7 +229,7 @@ def _left(assembly: Assembly, state: ContactState) -> Iterator[str]:
     interface = state.interface
     if assembly.frames and not interface.m:
         yield Doubt(
-            f"contact.{interface.name}: {' and '.join(interface.bodies)} do not face each other; the contact "
+            f"contact.{interface.name}: {both_sides(interface.bodies)} do not face each other; the contact "
             "carries no forces",
             "apart",
             0.0,
@@ -298,7 +299,7 @@ def _points_that_carry(
     }
     if not points:
         return
-    supported = [interface.rows.nodes[interface.side(name)] for interface in body.member.interfaces]
+    supported = [interface.touched(name) for interface in body.member.interfaces]
     supported += [
         np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups
     ]
@@ -503,7 +504,7 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
     """A warning where bodies that move by up to `moved` (m) overlap much between the nodes of a contact."""
     interface, overlap, unit = state.interface, -state.between, assembly.scene.units["length"]
     k = int(np.argmax(overlap)) if len(overlap) else 0
-    body = next(body for body in assembly.bodies if body.spec.name in interface.bodies)
+    body = next(body for body in assembly.bodies if body.spec.name == interface.bodies[0])
     if not len(overlap):
         return
     # arcs through the nodes of two round sides overlap by next to nothing as drawn, also without any load
@@ -512,12 +513,12 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
     least = max(LIMIT["between"] * state.yielding, RESOLVED * moved, (1.0 + SAME) * arcs)
     if not overlap[k] > least:
         return
-    place = in_words(interface.probes.moved(interface.side(body.spec.name), body.mesh.points)[k], 4)
+    place = in_words(interface.probes.moved(0, body.mesh.points)[k], 4)
     other = ""
     if interface.slave:
-        slave = interface.side(interface.slave)
+        slave = interface.roles.index(interface.slave)
         if len(interface.rows.nodes[1 - slave]) > len(interface.rows.nodes[slave]):
-            other = f" or write slave = {interface.bodies[1 - slave]!r}"
+            other = f" or write slave = {interface.roles[1 - slave]!r}"
     yield Doubt(
         f"contact.{interface.name}: the bodies overlap by {overlap[k]:.3g} {unit} between nodes that bear forces, "
         f"as at {place}, while contact forces move them by at most {state.yielding:.3g} {unit}; refine the "

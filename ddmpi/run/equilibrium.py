@@ -71,7 +71,8 @@ def _powers(
     for interface, (_, numbers, block) in zip(
         assembly.space.interfaces, joint.rigid.blocks, strict=True
     ):
-        acts = block.any(axis=0)
+        # what a body does on itself has no power on its motions; lever arms of gaps are none
+        acts = block.any(axis=0) & (not interface.itself)
         if moves is not None:
             acts &= moves[numbers]
         some = np.flatnonzero(acts)

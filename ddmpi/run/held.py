@@ -225,7 +225,8 @@ def _forces(assembly: Assembly) -> list[tuple[str, np.ndarray, np.ndarray]]:
         rubs = (law.slope(none) > 0.0) | (law.slip_bound(none) > 0.0) | law.two_sided
         rubs = np.broadcast_to(rubs, law.sliding.shape)
         acts = np.concatenate([np.ones(law.m, bool), np.repeat(rubs, law.components)])
-        found.append((interface.name, numbers, block[acts]))
+        # a body moves both of its own sides alike; what rows see of that are lever arms of gaps
+        found.append((interface.name, numbers, block[acts] * (not interface.itself)))
     return found
 
 
@@ -240,10 +241,8 @@ def _passing(
         if frame:  # of a body that moves far, in whose axes they are
             motions = np.einsum("ij,njk->nik", frame.turned, motions)
         for interface in member.interfaces:
-            _, side = member.parts[interface.name]
-            of_nodes = motions[interface.rows.nodes[side]]
-            moved = interface.rows.transfer[side] @ of_nodes.reshape(len(of_nodes), -1)
-            mine[interface.name, side] = moved.reshape(interface.m, *of_nodes.shape[1:])
+            for side in interface.sides(body.spec.name):
+                mine[interface.name, side] = interface.rows.moved(side, motions)
     both, found = assembly.exchange.swap_objects(mine), []
     for interface, (_, _, F) in zip(assembly.space.interfaces, forces, strict=True):
         first, second = both[interface.name]
@@ -254,12 +253,15 @@ def _passing(
             for partner in joint.driven
             if partner.acts_on(interface)
         ]
-        other = np.concatenate([0.0 * first, *seconds], axis=2)
+        # a body that has both sides moves both by the same motions
+        firsts = [] if interface.itself else [0.0 * first]
+        other = np.concatenate([*firsts, *seconds], axis=2)
         one = np.zeros_like(other)
         one[:, :, : first.shape[2]] = first
         leans = np.einsum("smt,mtd->smd", interface.geometry.tilt, interface.tangents)
         own = np.einsum("md,mdc->mc", leans[0], one) - np.einsum("md,mdc->mc", leans[1], other)
-        found.append(Passing(np.stack([one, other]), own if len(F) == interface.m else 0.0 * own))
+        leans_apart = len(F) == interface.m and not interface.itself
+        found.append(Passing(np.stack([one, other]), own if leans_apart else 0.0 * own))
     return found
 
 
@@ -375,9 +377,12 @@ def slides(held: Sequence[HeldMotion]) -> bool:
 
 def _by_own_normals(assembly: Assembly, held: Held, s: np.ndarray) -> np.ndarray:
     """What more the normal forces of `s` (size,) do on the held motions (q,) along the normals of each side than along
-    those of pairs (N). Collective."""
-    more = np.zeros(held.basis.shape[1])
-    for (part, numbers, _), (_, own) in zip(assembly.joint.rigid.blocks, held.passing, strict=True):
+    those of pairs (N); what a body does on itself counts as nothing. Collective."""
+    more, joint = np.zeros(held.basis.shape[1]), assembly.joint
+    for interface, (part, numbers, block), (_, own) in zip(
+        assembly.space.interfaces, joint.rigid.blocks, held.passing, strict=True
+    ):
+        own = -block if interface.itself else own
         more += s[part][: len(own)] @ own @ held.basis[numbers]
     return assembly.space.add(more)
 

@@ -26,6 +26,7 @@ def mistakes(scene: Any) -> Iterator[str]:
     for contact in scene.contact:
         yield from _partners(scene, contact)
         yield from _roles(scene, contact)
+        yield from _sides(contact)
     yield from _materials(scene)
     yield from _copies(scene)
     yield from _around_axis(scene)
@@ -37,7 +38,8 @@ def mistakes(scene: Any) -> Iterator[str]:
     yield from wrong_motions(scene)
     yield from _heat(scene.body)
     two = (len(scene.body), len(scene.rigid), len(scene.contact)) == (2, 0, 1)
-    if scene.method.for_two and not (two and scene.contact[0].kind == "unilateral"):
+    two = two and scene.contact[0].kind == "unilateral" and not scene.contact[0].itself
+    if scene.method.for_two and not two:
         yield (
             f"method.{scene.method.for_two} is for two supported bodies with one unilateral contact; "
             "beyond that the published iteration diverges for theta >= 0.02, accelerated or not; use "
@@ -125,11 +127,6 @@ def _partners(scene: Any, contact: Any) -> Iterator[str]:
                 f"{nearest(name, [*bodies, *rigid])} ({lists})"
             )
     first, second = contact.bodies
-    if first == second:
-        yield (
-            f"{key}: names {first!r} twice; a contact is between two bodies, or a body and a "
-            "rigid partner"
-        )
     if first in rigid and second in rigid:
         yield f"{key}: {first!r} and {second!r} are both rigid; one of them must be a [[body]]"
     if first in rigid:
@@ -154,11 +151,6 @@ def _roles(scene: Any, contact: Any) -> Iterator[str]:
             f"{key}.on: names a boundary group of {first!r}, and must name one of {second!r}, too; "
             f'write on = ["{contact.on[0]}", "…"]'
         )
-    if contact.slave is not None and contact.slave not in contact.bodies:
-        yield (
-            f"{key}.slave: {contact.slave!r} is not a body of this contact"
-            f"{nearest(contact.slave, list(contact.bodies))} (bodies: {first}, {second})"
-        )
     if partner and (contact.slave or contact.pairing):
         yield (
             f"{key}.{'slave' if contact.slave else 'pairing'}: {second!r} is rigid and has no nodes; "
@@ -168,6 +160,22 @@ def _roles(scene: Any, contact: Any) -> Iterator[str]:
         yield (
             f"{key}.kind: {second!r} is a node, which has no surface "
             'that could be touched; write kind = "bonded", or give it another shape'
+        )
+
+
+def _sides(contact: Any) -> Iterator[str]:
+    """A contact of a body with itself has two sides, and the slave is one of both."""
+    key = f"contact.{contact.called}"
+    if contact.itself and len({*contact.on}) < 2:
+        yield (
+            f"{key}.on: both sides are {contact.on[0]!r} of {contact.bodies[0]!r}; a contact of a body with itself has two "
+            "sides that face each other"
+        )
+    if contact.slave is not None and contact.slave not in contact.roles:
+        what, many = ("side", "sides") if contact.itself else ("body", "bodies")
+        yield (
+            f"{key}.slave: {contact.slave!r} is not a {what} of this contact"
+            f"{nearest(contact.slave, list(contact.roles))} ({many}: {', '.join(contact.roles)})"
         )
 
 

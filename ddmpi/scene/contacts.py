@@ -178,14 +178,20 @@ LAWS = {tag_of(law): {"law", *law.__struct_fields__} for law in get_args(Frictio
 """The keys of each law of friction."""
 
 
+PAIR = "first", "second"
+"""The sides of a contact of a body with itself; and the bodies of an interface that others have in common."""
+
+
 class ContactSpec(Table, frozen=True, kw_only=True):
-    """Two bodies that may touch, or a body and a rigid partner. Their meshes need not match; either side may be larger.
+    """Two bodies that may touch, two sides of one body, or a body and a rigid partner. Their meshes need not match;
+    either side may be larger.
 
     Attributes
     ----------
     name : unique among contacts; left out, the names in bodies with a dash between
-    bodies : two bodies, or a body and then a rigid partner; normals and forces of the results are the first one's
-    on : a boundary group of each body, so only one if the partner is rigid: ["sole", "top"]; numbered faces of a
+    bodies : two bodies, a body and then a rigid partner, or one body twice, as that of a crack or of two ears; normals
+        and forces of the results are the first one's
+    on : a boundary group of each side, so only one if the partner is rigid: ["sole", "top"]; numbered faces of a
         drawing are groups, and so are several of them in a list: [[5, 8], 27]
     kind : "bonded" sides neither separate nor slide; "guided" ones do not separate and slide without friction, as a
         face in a guide: normal forces have both signs
@@ -195,7 +201,8 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     pairing : "nodes" or "mortar"; left out, by nodes if those of both sides match, else by dual mortar
     pretension : of a bolt that a bond cuts through its shank, or of its thread: the force that pulls the first body
         along a direction, by one offset of the whole bond
-    slave : with mortar, the body whose nodes carry the forces; left out, that of larger node spacing over E/(1 − ν²)
+    slave : with mortar, the body whose nodes carry the forces, "first" or "second" side of one body; left out, that of
+        larger node spacing over E/(1 − ν²)
     """
 
     name: Name | None = None
@@ -237,6 +244,16 @@ class ContactSpec(Table, frozen=True, kw_only=True):
         return self.gap, None
 
     @property
+    def itself(self) -> bool:
+        """Whether both sides are of one body."""
+        return self.bodies[0] == self.bodies[1]
+
+    @property
+    def roles(self) -> tuple[str, str]:
+        """What `slave` calls both sides: their bodies, of one body "first" and "second"."""
+        return PAIR if self.itself else self.bodies
+
+    @property
     def called(self) -> str:
         """The name; by default the bodies' names with a dash."""
         return self.name or default_name(self.bodies)
@@ -251,6 +268,11 @@ class SettledContact(ContactSpec, frozen=True, kw_only=True):
 def default_name(bodies: tuple[str, ...] | list[str]) -> str:
     """The default name of a contact between `bodies`."""
     return "-".join(bodies)
+
+
+def both_sides(bodies: tuple[str, str]) -> str:
+    """What faces each other at a contact, in words."""
+    return " and ".join(bodies) if bodies[0] != bodies[1] else f"two sides of {bodies[0]}"
 
 
 Axis = Literal["x", "y", "z"]

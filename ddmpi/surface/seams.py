@@ -76,7 +76,7 @@ class Seam:
             f"body.{name}.mesh: {' and '.join(said)}, as at {in_words(self.place, 4)}: the sides that "
             "meet there are not connected, and may open or pass through each other; connect them in "
             "the mesh (gmsh: Coherence, or BooleanFragments before meshing), or, where the body may "
-            "open, make two bodies of it with a contact between them"
+            "open, name both in a contact of the body with itself"
         )
         return Doubt(text, "seam", self.doubled + self.hanging + self.within)
 

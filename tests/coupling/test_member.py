@@ -82,7 +82,7 @@ def touch(
         rows=Places((nodes, nodes), directions[:m], np.zeros(m), (identity, identity)),
         directions=directions,
         sliding=sliding,
-        side=lambda body: 0,
+        sides=lambda body: (0,),
         normal=directions[:m],
         law=SimpleNamespace(node=np.append(np.arange(m), sliding)),
         fixed=SimpleNamespace(

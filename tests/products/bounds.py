@@ -479,12 +479,6 @@ CONTACTS = [
         "contact.0.pairing=nodes",
     ),
     Bound(
-        "names 'upper' twice; a contact is between two bodies",
-        "plane",
-        'contact.0.bodies=["upper", "upper"]',
-        'contact.0.bodies=["lower", "upper"]',
-    ),
-    Bound(
         "an axisymmetric bond is pulled along y only",
         "axis",
         ["contact.0.kind=bonded", "contact.0.pretension={force=3.0, along=[1e-9, 1]}"],
@@ -789,6 +783,31 @@ def copy(text: str) -> str:
 
 
 BESIDE = copy("copy={of='upper', shift=[0, -1]}")
+
+OWN = ["contact.0.bodies=['upper', 'upper']", "contact.upper-upper.on=['bottom', 'top']"]
+
+ITSELF = [
+    Bound(
+        "contact.upper-upper.on: both sides are 'top' of 'upper'; a contact of a body with itself has two sides that "
+        "face each other",
+        "pair",
+        [OWN[0], "contact.upper-upper.on=['top', 'top']"],
+        OWN,
+    ),
+    Bound(
+        "contact.upper-upper.slave: 'upper' is not a side of this contact (sides: first, second)",
+        "pair",
+        [*OWN, "contact.upper-upper.slave=upper"],
+        [*OWN, "contact.upper-upper.slave=second"],
+    ),
+    Bound(
+        "method.theta",
+        "pair",
+        [*OWN, "method.theta=0.2"],
+        "method.theta=0.2",
+    ),
+]
+"""Limits of contacts of a body with itself."""
 
 COPIES = [
     Bound(
@@ -1125,7 +1144,18 @@ ASKED += [
     ),
 ]
 
-BOUNDS = [*NUMBERS, *SHAPES, *MATERIALS, *CONTACTS, *PARTNERS, *TIMES, *MOTIONS, *COPIES, *ASKED]
+BOUNDS = [
+    *NUMBERS,
+    *SHAPES,
+    *MATERIALS,
+    *CONTACTS,
+    *PARTNERS,
+    *TIMES,
+    *MOTIONS,
+    *COPIES,
+    *ITSELF,
+    *ASKED,
+]
 
 
 class Solved(NamedTuple):

@@ -263,10 +263,6 @@ REFUSED = [
         "contact.uper-lower.bodies: there is no body 'uper'; did you mean 'upper'?|upper, lower",
     ),
     (
-        'contact.0.bodies=["upper","upper"]',
-        "contact.upper-upper.bodies: names 'upper' twice|two bodies",
-    ),
-    (
         ["body.upper.mesh.order=2", "body.lower.mesh.order=1"],
         "bodies have mesh.order 1 and 2|give all bodies the same",
     ),

@@ -2160,6 +2160,48 @@ MUTANTS = [
             TOLD,
         ),
         (
+            "a body does on itself what its second side alone does",
+            "coupling/sides",
+            "yield sum(second, first)",
+            "yield (second or [first])[-1]",
+            "scenes/test_slits.py::test_a_body_with_a_slit_is_two_that_are_bonded",
+        ),
+        (
+            "the tip of a crack has a row",
+            "interface/rows",
+            "live &= np.stack([rows.moves(each) for each in directions], axis=-1)",
+            "pass",
+            "scenes/test_slits.py::test_a_closed_slit_that_sticks_is_none",
+        ),
+        (
+            "rows beside the tip of a crack take no share of it",
+            "coupling/parts",
+            "_tied(mesh, others, supports.free, group) | shared",
+            "_tied(mesh, others, supports.free, group)",
+            "scenes/test_slits.py::test_a_body_with_a_slit_is_two_that_are_bonded",
+        ),
+        (
+            "lever arms of gaps hold a body that touches itself",
+            "run/held",
+            "block[acts] * (not interface.itself)",
+            "block[acts]",
+            "scenes/test_slits.py::test_a_slit_bears_no_motion_of_its_body",
+        ),
+        (
+            "moments of lever arms turn a body that touches itself",
+            "run/held",
+            "-block if interface.itself else own",
+            "own",
+            "scenes/test_slits.py::test_a_slit_bears_no_motion_of_its_body",
+        ),
+        (
+            "a contact with itself does not keep a body from itself",
+            "judge/overlap",
+            "np.isin(body.numbers, _kept(interfaces, name, name))",
+            "np.zeros(len(body.numbers), bool)",
+            "scenes/test_slits.py::test_sides_of_a_slit_do_not_penetrate_each_other",
+        ),
+        (
             "axes of a copy stay",
             "scene/bodies",
             "(self.angle or 0.0) + frame.angle",
@@ -2205,7 +2247,7 @@ MUTANTS = [
         (
             "a side is kept for other contacts",
             "coupling/parts",
-            "[(other.on[which], holds_along(other)) for other, which in others])",
+            "[(other.on[which], holds_along(other)) for other, which in others], contact.itself and contact.on)",
             "())",
             "run/test_model.py::test_sides_see_the_friction_of_others",
         ),
@@ -4126,8 +4168,8 @@ MUTANTS = [
         (
             "nodes of several contacts have a compliance by the inverse stiffness",
             "coupling/member",
-            "(1.0 / ((2.0 - interface.on_rigid) * interface.stiffness)",
-            "(1.0 / ((2.0 - interface.on_rigid) / interface.stiffness)",
+            "(1.0 / ((2.0 - interface.alone) * interface.stiffness)",
+            "(1.0 / ((2.0 - interface.alone) / interface.stiffness)",
             "methods/test_cross_points.py::test_gmres_knows_edges_where_bricks_meet",
         ),
         (

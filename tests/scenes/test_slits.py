@@ -1,0 +1,214 @@
+"""Bodies that touch themselves: the answers of two bodies that are bonded beside the slit, and of those without one."""
+
+from copy import deepcopy
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import assert_refused, certified
+from slits import TIP, Slit, scene, write
+
+import ddmpi
+
+FRICTION = {"law": "coulomb", "coefficient": 0.3}
+
+STEPS = {
+    "history": {"load": {"times": [0.0, 1.0, 2.0, 3.0], "factors": [0.0, 1.0, -0.6, 0.8]}},
+    "time": {"points": [1.0, 2.0, 3.0], "steps": 2},
+}
+
+FLAT, WIDE = Slit(gap=1e-3), Slit(3, (8, 2, 3), gap=1e-3)
+
+LOAD, SOLID = [4e5, -2e6], [4e5, 1e5, -2e6]
+
+
+def in_places(answer: Any) -> dict[tuple, list[np.ndarray]]:
+    """The displacements of all nodes by their places."""
+    found: dict[tuple, list[np.ndarray]] = {}
+    for body in answer.bodies.values():
+        for point, u in zip(body.points, body.displacement, strict=True):
+            found.setdefault(tuple(np.round(point, 7)), []).append(u)
+    return found
+
+
+def are_alike(one: Any, other: Any, least: float = 1e-8) -> None:
+    """Both have the same displacements, where a slit parts nodes of one place those of both sides."""
+    first, second = in_places(one), in_places(other)
+    assert first.keys() == second.keys()
+    size = max(np.abs(u).max() for nodes in second.values() for u in nodes)
+    for place, nodes in first.items():
+        for u in nodes:
+            assert min(np.abs(u - v).max() for v in second[place]) <= least * size
+
+
+CASES = {
+    "frictionless": (FLAT, 1, LOAD, {}),
+    "with friction": (FLAT, 1, LOAD, {"friction": FRICTION}),
+    "quadratic": (FLAT, 2, LOAD, {"friction": FRICTION}),
+    "closed": (Slit(), 2, LOAD, {"friction": FRICTION}),
+    "Tresca": (FLAT, 1, LOAD, {"friction": {"law": "tresca", "slip_bound": 2e5}}),
+    "mortar": (FLAT._replace(aside=0.04), 1, LOAD, {"friction": FRICTION}),
+    "quadratic mortar": (FLAT._replace(aside=0.04), 2, LOAD, {"friction": FRICTION}),
+    "pulled open": (FLAT, 1, [4e5, 2e6], {"friction": FRICTION}),
+    "solids": (WIDE, 1, SOLID, {"friction": FRICTION}),
+    "around an axis": (FLAT._replace(inside=1.0), 2, LOAD, {"friction": FRICTION}),
+    "given gap": (FLAT, 1, LOAD, {"gap": "2e-4 * x"}),
+    "bonded": (FLAT, 1, LOAD, {"kind": "bonded"}),
+}
+
+
+@pytest.mark.parametrize(("slit", "order", "load", "keys"), CASES.values(), ids=CASES)
+@pytest.mark.parametrize("steps", [False, True], ids=["once", "steps"])
+def test_a_body_with_a_slit_is_two_that_are_bonded(tmp_path, slit, order, load, keys, steps):
+    """Displacements, slip and statuses are those of the halves, which share the nodes beside the slit."""
+    more: dict[str, Any] = {"axisymmetric": slit.inside > 0.0, "method": {"tolerance": 1e-10}}
+    traction: Any = load
+    if steps:
+        more |= STEPS
+        traction = {"on": "top", "value": load, "history": "load"}
+    one, two = (
+        certified(scene(tmp_path, slit, order, traction, parted, **keys) | more)
+        for parted in (False, True)
+    )
+    are_alike(one, two)
+    mine, theirs = one.contacts["lips"], two.contacts["lips"]
+    size = max(np.abs(body.displacement).max() for body in two.bodies.values())
+    # the halves have a row at the tip, which the bond holds, too
+    for at, status, gap, slip in zip(
+        mine.interface.xy, mine.status, mine.gap, mine.slip, strict=True
+    ):
+        k = int(np.linalg.norm(theirs.interface.xy - at, axis=1).argmin())
+        assert theirs.interface.xy[k] == pytest.approx(at, abs=1e-12)
+        assert gap == pytest.approx(theirs.gap[k], abs=1e-8 * size)
+        assert slip == pytest.approx(theirs.slip[k], abs=1e-8 * size)
+        assert status == theirs.status[k]
+    assert one.summary["bodies"]["block"]["energy"] == pytest.approx(
+        sum(body["energy"] for body in two.summary["bodies"].values()), rel=1e-7
+    )
+    called = {None: None, "low": "first", "up": "second"}
+    slaves = (answer.summary["contacts"]["lips"]["slave"] for answer in (one, two))
+    assert next(slaves) == called[next(slaves)]
+
+
+@pytest.mark.parametrize(
+    ("slit", "order", "load"),
+    [(Slit(), 1, LOAD), (Slit(), 2, LOAD), (WIDE._replace(gap=0.0), 1, SOLID)],
+)
+def test_a_closed_slit_that_sticks_is_none(tmp_path, slit, order, load):
+    """Under pressure and shear that friction holds the body is the one without a slit."""
+    stuck = scene(tmp_path, slit, order, load, friction={"law": "coulomb", "coefficient": 5.0})
+    whole = scene(tmp_path, slit, order, load)
+    whole["body"][0]["mesh"]["file"] = write(tmp_path / "uncut.msh", slit.welded(closed=True))
+    del whole["contact"]
+    answer = certified(stuck)
+    are_alike(answer, certified(whole), 1e-9)
+    assert (answer.contacts["lips"].status == "stick").all()
+    assert TIP not in answer.contacts["lips"].interface.xy[:, 0]
+
+
+def test_a_slit_bears_no_motion_of_its_body():
+    """A ring that is pressed all around until its ears touch is loose, and stays where it is."""
+    p = 3.0
+    ring = {
+        "name": "ring",
+        "mesh": {
+            "shape": "annulus",
+            "center": [0.0, 0.0],
+            "radii": [9.0, 10.0],
+            "angles": [1.0, 359.0],
+            "divisions": [120, 4],
+            "order": 2,
+        },
+        "material": {"young": 2.1e5, "poisson": 0.3},
+        "traction": [
+            {"on": "outer", "pressure": p},
+            {"on": "outer", "force": [-20.0 * p * np.sin(np.pi / 180.0), 0.0]},
+        ],
+    }
+    half = ring | {"clamp": [{"on": "end", "y": 0.0}]}
+    half["mesh"] = ring["mesh"] | {"angles": [1.0, 180.0], "divisions": [60, 4]}
+    half["traction"] = [
+        {"on": "outer", "pressure": p},
+        {"on": "outer", "force": [-10.0 * p * np.sin(np.pi / 180.0), 0.0]},
+    ]
+    mirror = {"name": "mirror", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    right = certified(
+        {
+            "body": [half],
+            "rigid": [mirror],
+            "contact": [{"name": "ears", "bodies": ["ring", "mirror"], "on": ["start"]}],
+        }
+    ).summary["contacts"]["ears"]["normal_force"]
+    for pairing in ("nodes", "mortar"):
+        ears = {"name": "ears", "bodies": ["ring", "ring"], "on": ["start", "end"]}
+        answer = certified({"body": [ring], "contact": [ears | {"pairing": pairing}]})
+        found = answer.summary["contacts"]["ears"]
+        assert found["normal_force"] == pytest.approx(right, rel=5e-5)
+        assert answer.summary["outer_iterations"] <= 10
+        # a moment of the gap's lever arms turns nothing
+        assert np.abs(answer.bodies["ring"].displacement.mean(axis=0)).max() < 0.5
+        assert len(answer.summary["held_motions"]) == 3
+        assert answer.summary["undetermined"] == []
+    turned = ring | {"traction": [*ring["traction"], {"on": "outer", "moment": 5.0}]}
+    refused = ddmpi.solve({"body": [turned], "contact": [ears]}, MPI.COMM_SELF)
+    assert "no equilibrium: ring would turn counterclockwise" in refused.reason
+
+
+@pytest.mark.parametrize("slave", ["first", "second"])
+def test_the_slave_is_called_by_its_side(tmp_path, slave):
+    """Of one body the sides are called first and second."""
+    slit = FLAT._replace(aside=0.04)
+    answer = certified(scene(tmp_path, slit, 1, LOAD, slave=slave))
+    assert answer.summary["contacts"]["lips"]["slave"] == slave
+    at = answer.contacts["lips"].interface.xy
+    nodes = slit.welded().points[slit.welded().groups[{"first": "low", "second": "up"}[slave]]]
+    apart = np.linalg.norm(at[:, None] - nodes.reshape(-1, 2), axis=2).min(axis=1)
+    assert apart.max() < 1e-12
+
+
+def test_sides_of_a_slit_do_not_penetrate_each_other(tmp_path):
+    """A body that closes its slit with a contact has no warning of itself; without the contact it is told to add one."""
+    kept = scene(tmp_path, WIDE, 2, SOLID)
+    answer = certified(kept)
+    assert not any("penetrates itself" in warning for warning in answer.summary["warnings"])
+    loose = {"body": kept["body"]}
+    (warning,) = (one for one in certified(loose).summary["warnings"] if "penetrates itself" in one)
+    assert 'add a contact with bodies = ["block", "block"]' in warning
+
+
+@pytest.mark.mpi(ranks=2)
+def test_ranks_share_a_body_with_a_slit(tmp_path):
+    """Of a body that two ranks share, and of two bodies on two ranks, the answers are those of one rank."""
+    world = MPI.COMM_WORLD
+    folder = Path(world.bcast(str(tmp_path)))
+    alone = scene(folder, FLAT, 1, LOAD, friction=FRICTION)
+    world.Barrier()
+    upper = deepcopy(alone["body"][0]) | {"name": "upper", "copy": {"of": "block"}}
+    upper["copy"]["shift"] = [0.0, 1.5]
+    del upper["mesh"], upper["material"], upper["clamp"]
+    lower = alone["body"][0] | {"traction": []}
+    lips = [
+        alone["contact"][0] | {"name": f"lips of {name}".replace(" ", "-"), "bodies": [name] * 2}
+        for name in ("block", "upper")
+    ]
+    joint = {"bodies": ["upper", "block"], "on": ["bottom", "top"], "friction": FRICTION}
+    stack = {"body": [lower, upper], "contact": [*lips, joint]}
+    for whole in (alone, stack):
+        whole["method"] = {"tolerance": 1e-10}
+        one, two = certified(whole), certified(whole, world)
+        assert two.summary["ranks"] == 2
+        for name, contact in one.contacts.items():
+            size = np.abs(contact.forces).max()
+            assert two.contacts[name].forces == pytest.approx(contact.forces, abs=1e-7 * size)
+
+
+def test_one_surface_is_not_both_sides(tmp_path):
+    """Groups of other names that have facets in common are refused."""
+    mesh = FLAT.welded()
+    mesh.groups["all"] = np.concatenate([mesh.groups["low"], mesh.groups["up"]])
+    faced = scene(tmp_path, FLAT, 1, LOAD)
+    faced["body"][0]["mesh"]["file"] = write(tmp_path / "all.msh", mesh)
+    faced["contact"][0]["on"] = ["all", "up"]
+    assert_refused(faced, "contact.lips.on: 'all' and 'up' have 4 lines in common")
