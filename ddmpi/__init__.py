@@ -47,7 +47,9 @@ def solve(
     Parameters
     ----------
     scene : path of a scene file; or its text, of several lines; or a dict with the same keys, with mesh files in the
-        current folder
+        current folder. There a mesh may also be arrays, ``"mesh": {"points": (n, d), "cells": (nt, k), "groups": {NAME:
+        (nf, kf) facets or (j,) nodes}}``, with the nodes of cells in the order of meshio, from 0 on; the order of the
+        elements is that of the cells. Or it is a `meshio.Mesh` with groups as sets of cells and points
     comm : any number of ranks; MPI.COMM_WORLD if left out. PETSc starts on all ranks of
         MPI.COMM_WORLD together: if `comm` is a part of it, call ``petsc4py.init()`` on all ranks before
     overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``

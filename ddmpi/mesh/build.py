@@ -21,6 +21,7 @@ from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
 from ddmpi.mesh.refine import Sizes, halve, raise_order
 from ddmpi.mesh.shapes import SHAPES
 from ddmpi.scene.bodies import BodySpec
+from ddmpi.scene.given import GIVEN
 from ddmpi.scene.values import WHERE
 from ddmpi.system.memory import free_memory
 from ddmpi.system.numbers import ROUNDING, in_words
@@ -118,6 +119,8 @@ def content(body: BodySpec, folder: Path = Path(".")) -> bytes | None:
     if body.mesh.shape:
         return b""
     path = locate_mesh(body, folder)
+    if body.mesh.file in GIVEN:
+        return str(path).encode()  # it has a digest
     data, words = path.read_bytes(), NAMES_OTHERS.get(path.suffix.lower())
     return (
         None
@@ -183,6 +186,8 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:
     """The mesh or geometry of `body`, looked for in `folder`, then in the current directory. Raises InputError."""
+    if body.mesh.file in GIVEN:
+        return Path(str(body.mesh.file))
     key, name = "geometry", Path(str(body.mesh.geometry))
     if body.mesh.geometry is None:
         key, name = "file", Path(str(body.mesh.file))

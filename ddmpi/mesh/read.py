@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import re
 import shutil
 import tempfile
@@ -20,6 +21,7 @@ from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, refuse_overlaps, signed_measures
 from ddmpi.mesh.nodes import of_elements, refuse_lost_nodes, refuse_lost_numbers, refuse_repeated
 from ddmpi.mesh.refine import KINDS, SIMPLICES, bend, distinct, raise_order, simplices
+from ddmpi.scene.given import GIVEN, Given
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
 from ddmpi.system.hdf5 import read_apart
@@ -187,6 +189,8 @@ def _load(path: Path, label: str, part: str | None = None):
     import meshio
 
     meshio._mesh.topological_dimension.update(dict.fromkeys(KINDS[3], 3))  # it does not know all
+    if given := GIVEN.get(str(path)):
+        return _given(given, label)
     kind = path.suffix.lower()
     if kind == ".inp" or kind in FORMATS:
         try:
@@ -231,6 +235,17 @@ def _load(path: Path, label: str, part: str | None = None):
             raise InputError(
                 f"{label} is not a mesh that meshio or gmsh can read ({refusal}; gmsh: {error})"
             ) from None
+
+
+def _given(given: Given, label: str):
+    """The mesh of a program, with three coordinates. Raises InputError."""
+    raw = copy.copy(given.mesh)
+    try:
+        refuse_lost_nodes(raw, 0)
+    except ValueError as error:
+        raise InputError(f"{label}: {error}") from None
+    raw.points = np.pad(raw.points, ((0, 0), (0, 3 - raw.points.shape[1])))
+    return raw
 
 
 def _read_other(path: Path, kind: str):

@@ -26,13 +26,14 @@ from ddmpi.results.tables import STATUS, chains
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, NAMED, describe_contact
 from ddmpi.run.run import Cases
+from ddmpi.scene.given import Given, with_names
 from ddmpi.scene.keys import override
 from ddmpi.scene.petsc import code_of, refuse_reaching
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
 from ddmpi.scene.results import with_letters
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
-from ddmpi.system.agreement import from_first, in_lockstep, merged
+from ddmpi.system.agreement import agreed, from_first, in_lockstep, merged
 from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import in_words, scaled_unit
 from ddmpi.system.provenance import has_matplotlib
@@ -178,6 +179,10 @@ class Model:
         self._world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
         in_words = isinstance(scene, Mapping) or "\n" in str(scene)
         self._path = path = "scene" if in_words else str(scene)
+        self._given = list[Given]()
+        with agreed(self._world):
+            if isinstance(scene, Mapping):
+                scene, self._given = with_names(scene)
 
         def read() -> dict:
             if not isinstance(scene, str | os.PathLike | Mapping) or scene == "":

@@ -1,0 +1,151 @@
+"""Meshes of a program, as arrays or of meshio, against the shapes and files that they are of."""
+
+import copy
+import gc
+
+import meshio
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import assert_refused, certified, pinched_blocks
+from scipy.spatial import cKDTree
+from solid_scenes import two_boxes
+
+import ddmpi
+from ddmpi.errors import InputError
+from ddmpi.mesh.build import build_mesh
+from ddmpi.scene.given import GIVEN
+from ddmpi.scene.reader import read_scene
+
+
+def as_arrays(scene: dict, order: int = 1) -> dict:
+    """The scene with its generated meshes as arrays."""
+    scene = copy.deepcopy(scene)
+    for body in scene["body"]:
+        body["mesh"]["order"] = order
+    for body, spec in zip(scene["body"], read_scene("scene", scene).body, strict=True):
+        mesh = build_mesh(spec)
+        body["mesh"] = {"points": mesh.points, "cells": mesh.triangles, "groups": mesh.groups}
+    return scene
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2)], ids=["plane", "space"])
+def test_a_mesh_as_arrays_is_that_of_the_shape(scene, order):
+    """Forces and displacements are those of the generated mesh; the order is that of the cells."""
+    made = copy.deepcopy(scene)
+    for body in made["body"]:
+        body["mesh"]["order"] = order
+    one, other = certified(made), certified(as_arrays(scene, order))
+    assert other.summary["order"] == order
+    for name, fields in one.bodies.items():
+        found = other.bodies[name]
+        far, place = cKDTree(found.points).query(fields.points)
+        assert far.max() == 0.0 and len(found.points) == len(fields.points)
+        size = np.abs(fields.displacement).max()
+        assert np.abs(found.displacement[place] - fields.displacement).max() <= 1e-9 * size
+    if order == 1:  # nodes keep their numbers
+        assert np.array_equal(found.points, fields.points)
+
+
+def square(n: int = 4) -> dict:
+    """Of quadrilaterals; a group of facets, one of nodes, and one of a single node."""
+    x = np.linspace(0.0, 1.0, n + 1)
+    points = np.stack(np.meshgrid(x, x), axis=-1).reshape(-1, 2)
+    k = np.arange((n + 1) ** 2).reshape(n + 1, n + 1)
+    corners = k[:-1, :-1], k[:-1, 1:], k[1:, 1:], k[1:, :-1]
+    bottom = np.column_stack([k[0, :-1], k[0, 1:]])
+    return {
+        "points": points,
+        "cells": np.stack(corners, axis=-1).reshape(-1, 4),
+        "groups": {"bottom": bottom, "top": k[-1].tolist(), "corner": k[0, :1]},
+    }
+
+
+def pressed(mesh) -> dict:
+    return {
+        "body": [
+            {
+                "name": "block",
+                "mesh": mesh,
+                "material": {"young": 1e9, "poisson": 0.3},
+                "clamp": [{"on": "bottom", "y": 0.0}, {"on": "corner", "x": 0.0}],
+                "traction": [{"on": "top", "pressure": 1e6}],
+            }
+        ]
+    }
+
+
+def of_meshio() -> meshio.Mesh:
+    arrays = square()
+    blocks = [("quad", arrays["cells"]), ("line", arrays["groups"]["bottom"])]
+    return meshio.Mesh(
+        arrays["points"],
+        blocks,
+        point_sets={name: np.array(arrays["groups"][name]) for name in ("top", "corner")},
+        cell_sets={"bottom": [np.empty(0, int), np.arange(4)]},
+    )
+
+
+@pytest.mark.parametrize("mesh", [square(), of_meshio()], ids=["arrays", "meshio"])
+def test_groups_are_facets_or_nodes(mesh):
+    """A block under a pressure yields by p H (1 − ν²) / E; what the program does to its mesh afterwards does not count."""
+    with ddmpi.prepare(pressed(mesh), MPI.COMM_SELF) as model:
+        points = mesh["points"] if isinstance(mesh, dict) else mesh.points
+        points *= 2.0
+        answer = model.solve()
+        again = model.solve({"body.block.traction.0.pressure": 2e6})
+    points /= 2.0
+    moved = answer.bodies["block"].displacement[:, 1].min()
+    assert moved == pytest.approx(-1e6 * (1 - 0.3**2) / 1e9, rel=1e-9)
+    assert again.bodies["block"].displacement[:, 1].min() == pytest.approx(2.0 * moved, rel=1e-12)
+    assert "mesh" in model.reused["block"]
+
+
+def test_meshes_last_as_long_as_their_model():
+    model = ddmpi.prepare(pressed(square()), MPI.COMM_SELF)
+    (name,) = GIVEN
+    answer = model.solve()
+    assert answer.summary["scene"]["body"][0]["mesh"]["file"] == name
+    model.close()
+    del model
+    gc.collect()
+    assert not GIVEN
+
+
+@pytest.mark.mpi(ranks=2)
+def test_each_rank_has_its_arrays(comm):
+    """The answer on two ranks is that on one."""
+    scene = as_arrays(pinched_blocks(4))
+    alone, together = certified(scene), certified(scene, comm)
+    force = alone.contacts["upper-lower"].force
+    assert together.contacts["upper-lower"].force == pytest.approx(force, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"groups": None}, "a mesh as arrays has points (n, d), cells (nt, k) and groups"),
+        ({"points": np.zeros((25, 4))}, "expected numbers of size (n, 2) or (n, 3)"),
+        ({"points": [["a", "b"]]}, "body.block.mesh.points: expected numbers, got an array of"),
+        ({"points": [[0.0, 0.0], [1.0]]}, "expected rows of numbers of one length"),
+        ({"cells": np.zeros((3, 5), int)}, "expected rows of nodes, of as many as 3 (triangle)"),
+        ({"cells": [[0, 1, 25]]}, "there are 25 points, counted from 0; 0 to 25 are named"),
+        ({"cells": [[0, 1, -1]]}, "counted from 0; -1 to 1 are named"),
+        ({"cells": [[0.5, 1.0, 2.0]]}, "expected whole numbers, those of nodes, from 0 on"),
+        ({"cells": []}, "expected whole numbers"),
+        ({"groups": {"top": np.zeros((1, 1, 1), int)}}, "expected numbers of nodes, (nt, k) or"),
+        ({"groups": {"top": [[0, 1, 2, 3]]}}, "of as many as 2 (line), 3 (line3)"),
+        ({"groups": [[0, 1]]}, "body.block.mesh.groups: expected facets or nodes by name"),
+    ],
+)
+def test_arrays_that_are_no_mesh_are_refused(change, words):
+    assert_refused(pressed(square() | change), words)
+    certified(pressed(square()))
+
+
+def test_a_mesh_of_meshio_with_nodes_that_are_not_there_is_refused():
+    mesh = of_meshio()
+    mesh.cells[0].data = mesh.cells[0].data + 20
+    with pytest.raises(InputError, match="which is not there; its nodes are 0 to 24"):
+        ddmpi.solve(pressed(mesh), MPI.COMM_SELF)
