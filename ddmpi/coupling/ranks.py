@@ -9,7 +9,7 @@ from typing import TypeVar
 from mpi4py import MPI
 
 from ddmpi.coupling.team import Team, wait
-from ddmpi.errors import DdmpiError, InputError, NotConvergedError
+from ddmpi.errors import DdmpiError, NotConvergedError
 from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agree, in_lockstep
@@ -39,10 +39,9 @@ class WorkingRanks:
     def work(self, scene: Settled, work: Callable[[MPI.Comm], T]) -> T | None:
         """The result of `work(roots)` on the roots of the bodies, None on the other ranks.
 
-        Raises the errors of `work` on all ranks, and InputError where the method needs a rank for each body. An error
-        that cannot reach all ranks of a body is raised on one rank only, with `agreed` False.
+        Raises the errors of `work` on all ranks. An error that cannot reach all ranks of a body is raised on one rank
+        only, with `agreed` False.
         """
-        check_ranks(self.world, scene)
         self._arrange(scene)
         team, result, failure = self._team, None, None
         if team is not None:
@@ -156,17 +155,6 @@ def count_nodes(mesh: MeshSpec) -> int | None:
         if mesh.divisions is None
         else math.prod((mesh.order or 1) * number + 1 for number in mesh.divisions)
     )
-
-
-def check_ranks(world: MPI.Comm, scene: Settled) -> None:
-    """InputError, on all ranks, where a method of two bodies lacks a rank for each."""
-    if scene.method.by_body and world.size < len(scene.body):
-        error = InputError(
-            f"method.outer = {scene.method.outer!r} works on two ranks, one for each body; start it "
-            f"with mpirun -n {len(scene.body)} (started on {world.size}), or use the default method"
-        )
-        error.agreed = True
-        raise error
 
 
 def ranks_beside(world: MPI.Comm) -> int:

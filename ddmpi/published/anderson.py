@@ -41,7 +41,7 @@ class AndersonIteration(PublishedIteration):
     def __init__(
         self, assembly: Assembly, method: SettledMethod, report: Report = no_report
     ) -> None:
-        (interface,) = assembly.member.interfaces
+        (interface,) = assembly.bodies[0].member.interfaces
         bodies = {body.name: body for body in assembly.scene.body}
         moduli = [
             harmonic_mean([material.plane_modulus for material in bodies[name].materials])

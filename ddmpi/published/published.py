@@ -1,8 +1,10 @@
 """The published outer iteration: the domain decomposition algorithm (DD)_h of two bodies in dual matrix form.
 
-The code is that of one body; the rank of the other body runs the same lines in the other role. Both have the same λ,
-bit for bit, because both add the same two vectors. Each body solves a QP and a Neumann problem, its `Subproblem`. Role
-1 has the contact displacement λ prescribed, role 2 the contact condition; only the bounds differ:
+The code is that of one body; the rank of the other body runs the same lines in the other role, and a rank that has both
+runs them twice. Ranks have the same λ, bit for bit, because both add the same two vectors.
+
+Each body solves a QP and a Neumann problem, its `Subproblem`. Role 1 has the contact displacement λ prescribed, role 2
+the contact condition; only the bounds differ:
 
                  role 1                     role 2
     original     none                       s_ν ≥ 0 and |s_t| ≤ g
@@ -171,17 +173,23 @@ class PublishedIteration(Outer):
             FIXED_PRECISION if method.inner_precision == "fixed" else method.inner_precision
         )
         self.history: list[Step] = []
-        (self.interface,) = assembly.member.interfaces
+        members = [body.member for body in assembly.bodies]
+        (self.interface,) = members[0].interfaces
         space = Space([self.interface])
         self._laws, self._lead, self._owned = space.laws, lead, slice(assembly.space.size)
-        role = 1 if self.interface.side(assembly.member.name) == lead else 2
-        self.subproblem = Subproblem(assembly.member, self.interface, role)
-        self.inner_steps = self.subproblem.steps
+        self.subproblems = [
+            Subproblem(member, self.interface, 1 if self.interface.side(member.name) == lead else 2)
+            for member in members
+        ]
+        self.inner_steps = self.subproblems[0].steps
+        for body in self.subproblems:
+            body.steps = self.inner_steps  # those of this rank
         self.lam, self.s1, self.s2 = (np.zeros(space.size) for _ in range(3))
         self._bound = np.zeros(len(self.interface.sliding))
         with self.exchange.deferred():
-            assembly.member.need_norm()
-        h1, h2 = self._swap(assembly.member.h, "free displacement")
+            for member in members:
+                member.need_norm()
+        h1, h2 = self._swap([member.h for member in members], "free displacement")
         free, gap = max(norm(h1), norm(h2)), space.gap
         self._scale = max(free, norm(gap))
         self._tolerance = method.tolerance
@@ -199,7 +207,7 @@ class PublishedIteration(Outer):
         return self._bound[self._owned]
 
     def body_forces(self) -> list[np.ndarray]:
-        return [self.subproblem.s]
+        return [body.s for body in self.subproblems]
 
     @property
     def mismatch(self) -> np.ndarray:
@@ -207,12 +215,11 @@ class PublishedIteration(Outer):
 
     @property
     def qp_type(self) -> str:
-        return self.subproblem.solver.type
+        return self.subproblems[0].solver.type
 
-    @property
-    def _split(self) -> bool:
-        """Whether this body's QP is split into a normal and a tangential block; without friction there is only one."""
-        return len(self._bound) > 0 and self.splitting in (f"step{self.subproblem.role}", "step1+2")
+    def _split(self, role: int) -> bool:
+        """Whether the QP of a role is split into a normal and a tangential block; without friction there is only one."""
+        return len(self._bound) > 0 and self.splitting in (f"step{role}", "step1+2")
 
     def run(self, tolerance: float) -> str:
         """Iterate until ‖λ_k − λ_{k−1}‖ ≤ tolerance ‖λ_k‖; otherwise as `Outer.run`."""
@@ -235,24 +242,29 @@ class PublishedIteration(Outer):
 
     def iterate(self) -> Step:
         """One step of the algorithm of the slides; both bodies work at the same time. Collective."""
-        body, exchange = self.subproblem, self.exchange
+        exchange = self.exchange
         self._bound = self._laws.bound_at(self.s2)
         size = self._step_size
         if self.method.inner_precision == "fixed":  # the last update that the tolerance allows
             size = self.method.tolerance * (norm(self.lam) or self._scale)
         # inner solves are as precise as η ‖λ_{k−1} − λ_{k−2}‖: both are displacements, so that η has no units; a rule
         # relative to the subproblem's right-hand side stalls
-        precision = float(max(self._precision * size, body.member.C.accuracy * self._scale))
+        accuracy = max(body.member.C.accuracy for body in self.subproblems)
+        precision = float(max(self._precision * size, accuracy * self._scale))
         neglected = NEGLECTED * self._precision * self._tolerance * norm(self.lam)
 
         with exchange.deferred():
             # Steps 1 and 2.
-            body.solve(self.lam, self._bound, precision, self.algorithm, self._split, neglected)
-        self.s1, self.s2 = self._swap(body.s, "forces")
-        w = np.zeros_like(self.lam)
+            for body in self.subproblems:
+                split = self._split(body.role)
+                body.solve(self.lam, self._bound, precision, self.algorithm, split, neglected)
+        self.s1, self.s2 = self._swap(self.body_forces(), "forces")
+        w = [np.zeros(len(self.lam) + 1) for _ in self.subproblems]
         with exchange.deferred():
-            w = body.neumann(self.s1 - self.s2, PASSING * self._precision)  # Steps 3 and 4
-        w1, w2 = self._swap(np.append(w, body.member.C.count.total()), "neumann")
+            for moved, body in zip(w, self.subproblems, strict=True):  # Steps 3 and 4
+                moved[:-1] = body.neumann(self.s1 - self.s2, PASSING * self._precision)
+                moved[-1] = body.member.C.count.total()
+        w1, w2 = self._swap(w, "neumann")
         update = self.advance(w1[:-1], w2[:-1])
         # Step 5. It is not in place, as a checkpoint may refer to the former λ.
         self.lam = self.lam + update
@@ -267,14 +279,19 @@ class PublishedIteration(Outer):
             int(w1[-1]) + int(w2[-1]),
         )
 
-    def _swap(self, mine: np.ndarray, about: str) -> tuple[np.ndarray, np.ndarray]:
-        """`Exchange.swap`, returning role 1's vector before role 2's."""
-        both = self.exchange.swap(mine, about)
-        return both[self._lead], both[1 - self._lead]
+    def _swap(self, mine: list[np.ndarray], about: str) -> tuple[np.ndarray, np.ndarray]:
+        """The vectors of both roles, from those of this rank's bodies. Collective."""
+        if len(mine) == 1:
+            both = self.exchange.swap(mine[0], about)
+            return both[self._lead], both[1 - self._lead]
+        self.exchange.meet(about)
+        first, second = sorted(range(2), key=lambda k: self.subproblems[k].role)
+        return mine[first], mine[second]
 
     def refresh(self, u: list[np.ndarray]) -> None:
         """Take the product C s from `u`; the iteration updates it by recurrence."""
-        self.subproblem.Cs = self.subproblem.member.h - u[0]
+        for body, moved in zip(self.subproblems, u, strict=True):
+            body.Cs = body.member.h - moved
 
     def state(self) -> dict[str, Any]:
         return {
@@ -283,7 +300,7 @@ class PublishedIteration(Outer):
             "s2": self.s2,
             "bound": self._bound,
             "step_size": self._step_size,
-            "subproblem": self.subproblem.state(),
+            "subproblems": {str(body.role): body.state() for body in self.subproblems},
             "history": tuple(self.history),
         }
 
@@ -292,7 +309,8 @@ class PublishedIteration(Outer):
             state[name] for name in ("lam", "s1", "s2", "bound")
         )
         self._step_size = state["step_size"]
-        self.subproblem.restore(state["subproblem"])
+        for body in self.subproblems:
+            body.restore(state["subproblems"][str(body.role)])
         self.history = [Step(*row) for row in state["history"]]
 
 

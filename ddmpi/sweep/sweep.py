@@ -17,7 +17,6 @@ from pathlib import Path
 
 from mpi4py import MPI
 
-from ddmpi.coupling.ranks import check_ranks
 from ddmpi.errors import (
     DdmpiError,
     InputError,
@@ -81,7 +80,6 @@ def run_sweep(world: MPI.Comm, sweep: Sweep) -> None:
     also given; OutputError where a record, the table or a plot cannot be written; InterruptionError when a signal ends
     the case that is running, and the sweep with it; at the end what `_judge` raises, of a single case its own error.
     """
-    check_ranks(world, sweep.cases[0].scene)
     options, error = RunOptions(), None
     order, cases = from_first(world, lambda: _pending(sweep, options)), Cases(world, survive=True)
     log.info(

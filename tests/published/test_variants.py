@@ -7,8 +7,11 @@ import itertools
 
 import numpy as np
 import pytest
+from mpi4py import MPI
 from scenes import everywhere, exact_forces, pinched_blocks, prepare_scene
 from solid_scenes import two_boxes
+
+import ddmpi
 
 pytestmark = pytest.mark.slow
 
@@ -56,7 +59,7 @@ def run(assembly, algorithm: str, splitting: str, **changes):
     )
 
 
-@pytest.mark.mpi(ranks=2)
+@pytest.mark.mpi(ranks=[1, 2])
 def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
     for law in ("tresca", "coulomb"):
         assembly = prepare_scene(comm, pinched_blocks(3, law))
@@ -69,6 +72,22 @@ def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
                 reference
             )
             assert error <= 1e-7, (law, kind)
+
+
+@pytest.mark.mpi(ranks=2)
+@pytest.mark.parametrize("outer", ["relaxation", "anderson"])
+def test_one_rank_with_both_bodies_has_the_answer_of_two_ranks(comm, outer):
+    """To the bit, with the same counts; the softer body comes first."""
+    scene = pinched_blocks(4) | {"method": {"outer": outer}}
+    scene["body"][0]["material"] |= {"young": 1e11}
+    alone, together = (ddmpi.solve(scene, of) for of in (MPI.COMM_SELF, comm))
+    counts = ("reason", "outer_iterations", "inner_iterations", "n_A")
+    assert [alone.summary[key] for key in counts] == [together.summary[key] for key in counts]
+    forces = [answer.contacts["upper-lower"].forces for answer in (alone, together)]
+    assert forces[0].any()
+    assert np.array_equal(*forces)
+    for name, fields in together.bodies.items():
+        assert np.array_equal(fields.displacement, alone.bodies[name].displacement)
 
 
 @pytest.mark.mpi(ranks=2)

@@ -200,7 +200,7 @@ def test_newtons_method_is_not_kept_within_a_load_step(comm, shared, monkeypatch
     )
 
 
-@two_ranks
+@pytest.mark.mpi(ranks=[1, 2])
 @pytest.mark.parametrize("kind", ["anderson", "relaxation"])
 def test_a_restored_state_is_the_whole_state(comm, shared, kind):
     """Restored objects hold what the objects held that were noted, and a noted state does not change later."""
@@ -252,8 +252,10 @@ def data_of(part: object) -> dict:
     """Copies of the attributes that hold data, also those of parts of the part."""
     found = {}
     for key, value in vars(part).items():
-        if hasattr(value, "state"):
-            found |= {f"{key}.{name}": inner for name, inner in data_of(value).items()}
+        parts = value if isinstance(value, list) else [value]
+        if parts and hasattr(parts[0], "state"):
+            for k, inner in enumerate(parts):
+                found |= {f"{key}.{k}.{name}": each for name, each in data_of(inner).items()}
         elif isinstance(value, bool | int | float | str | np.ndarray | dict | list | deque):
             found[key] = copy.deepcopy(value)
     return found

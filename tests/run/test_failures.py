@@ -20,7 +20,7 @@ def only_message(run: Run) -> str:
 
 
 def test_surroundings_that_do_not_fit_are_named_and_left_alone(tmp_path):
-    """Too few ranks, a folder with results, a scene that is not there."""
+    """A folder with results, a scene that is not there."""
     scene, taken = (
         scenes.write_scene(pinched_blocks(2), tmp_path / "scene.toml"),
         tmp_path / "taken",
@@ -28,7 +28,6 @@ def test_surroundings_that_do_not_fit_are_named_and_left_alone(tmp_path):
     taken.mkdir()
     (taken / "summary.json").write_text("precious")
     for path, folder, arguments, words in (
-        (scene, tmp_path / "one", RELAXATION, ["mpirun -n 2 (started on 1)"]),
         (scene, taken, (), ["taken", "summary.json"]),
         (tmp_path / "nowhere.toml", tmp_path / "none", (), ["nowhere.toml"]),
     ):

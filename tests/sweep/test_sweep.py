@@ -213,21 +213,11 @@ def test_a_mistake_on_one_rank_ends_the_sweep_and_is_recorded(small, tmp_path):
 # Refused before any work
 
 
-@pytest.mark.parametrize(
-    ("arguments", "ranks", "words"),
-    [
-        (["--vary", "method.thetta=0.1,0.2"], 2, ["--vary method.thetta=0.1", "'theta'"]),
-        (
-            ["--vary", f"{COEFFICIENT}=0.1:0.3:3", "--set", "method.outer=relaxation"],
-            None,
-            ["mpirun -n 2"],
-        ),
-    ],
-)
-def test_bad_input(small, tmp_path, arguments, ranks, words):
-    run = run_sweep(small, tmp_path / "out", *arguments, ranks=ranks)
+def test_bad_input(small, tmp_path):
+    run = run_sweep(small, tmp_path / "out", "--vary", "method.thetta=0.1,0.2", ranks=2)
     assert run.code == 2
-    assert len(run.messages) == 1 and all(word in run.output for word in words)
+    assert len(run.messages) == 1
+    assert all(word in run.output for word in ["--vary method.thetta=0.1", "'theta'"])
     assert not run.folder.exists()
 
 
