@@ -54,6 +54,7 @@ HEADINGS = {
     "Profile": "profile",
     "SignedProfile": "signed profile",
     "Gap": "gap",
+    "Closure": "softness",
     "Pretension": "pretension",
     "Plane": "[[rigid]]: a plane",
     "Circle": "[[rigid]]: a circle",

@@ -67,6 +67,7 @@ AIMS: list[tuple[str, int | None, Order | None, str, float]] = [
     ),
     *((name, None, None, "*", 1e-9) for name in ("sliding-block", "turned-pair")),
     ("skew-roller", None, None, "*", 1e-12),
+    ("soft-joint", None, None, "*", 1e-9),
     *(("rolling-disc", None, None, value, 1e-9) for value in ("N/W", "T/W")),
     ("rolling-disc", 4, None, "turn*", 0.02),
     ("carter", 8, 2, "creep", 0.03),

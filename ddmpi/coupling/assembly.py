@@ -435,7 +435,7 @@ def _join(
         contact.kind,
         interface.law.live,
     )
-    interface = replace(interface, law=law)
+    interface = replace(interface, law=law, layer=contact.layer)
     overlaps = check_overlap(
         interface,
         *(side for side in (first, second) if side),
@@ -451,12 +451,8 @@ def _join(
             "makes one of them the slave"
         ]
     )
-    if interface.geometry.pointwise and interface.law.name == "tresca":
-        raise InputError(
-            f"contact.{contact.name}.friction: the bodies meet along an edge or at a vertex only, at "
-            f"{in_words(interface.xy[0])}, where a slip bound, a stress, has no area to act on; law = "
-            '"coulomb" needs none'
-        )
+    if interface.geometry.pointwise:
+        _refuse_stresses(interface)
     bare = (
         []
         if not interface.geometry.pointwise
@@ -469,6 +465,18 @@ def _join(
     return interface, idle + bare + overlaps + uncovered_profile(interface, contact)
 
 
+def _refuse_stresses(interface: Interface) -> None:
+    """InputError where laws of stresses meet sides that have no area in common."""
+    at = f"the bodies meet along an edge or at a vertex only, at {in_words(interface.xy[0])}, where"
+    if interface.law.name == "tresca":
+        raise InputError(
+            f"contact.{interface.name}.friction: {at} a slip bound, a stress, has no area to act on; law = "
+            '"coulomb" needs none'
+        )
+    if interface.layer:
+        raise InputError(f"contact.{interface.name}.softness: {at} a joint has no area to be soft")
+
+
 def _there(sides: BothLocated) -> BothSides:
     """The sides of a contact where its bodies are. Not collective."""
     first, second = sides
@@ -477,7 +485,7 @@ def _there(sides: BothLocated) -> BothSides:
 
 def _bare(contact: SettledContact) -> tuple[SettledContact, bool]:
     """What rows depend on: on friction only by whether there is any."""
-    bare = msgspec.structs.replace(contact, friction=NoFriction())
+    bare = msgspec.structs.replace(contact, friction=NoFriction(), softness=None)
     return bare, isinstance(contact.friction, NoFriction)
 
 

@@ -73,9 +73,10 @@ class Stays:
 class Joint:
     """C = Σ C_a over the bodies a, the free gaps d = Σ h_a − gap, and the rigid motions α of loose bodies.
 
-    The gaps under forces s are r = C s − d − Gᵀα, and G s + K α = e is the equilibrium of the loose bodies, with the
-    stiffness K of loads that change as bodies move far. Users of this class work on vectors of the `space` and need not
-    know of ranks. All methods that multiply or sum are collective on all bodies, and raise the errors of any of them.
+    The gaps under forces s are r = (C + D) s + b − d − Gᵀα with the closures D s + b of soft joints, and G s + K α = e is the
+    equilibrium of the loose bodies, with the stiffness K of loads that change as bodies move far. Users of this class
+    work on vectors of the `space` and need not know of ranks. All methods that multiply or sum are collective on all
+    bodies, and raise the errors of any of them.
 
         >>> answer = ddmpi.solve("configs/punch.toml", MPI.COMM_WORLD)
         >>> joint, s = answer.solved.assembly.joint, answer.solved.solution.outer.forces
@@ -102,6 +103,8 @@ class Joint:
     stays : the motions that stay as they are
     slices : of the motions by body, empty for supported ones, and by driven partner
     e, K : the loads along the motions (rigid.size,) in newtons, and by how much they resist these (N/m), sparse
+    soft, stiffens : whether any contact is soft, and one of them the less the more it is pressed
+    D, offset : (size,) of the closures D s + b of soft joints (m/N, m), b = 0 unless they stiffen, see `take`
     load : largest sum of the absolute nodal loads of a loose body (N), also where they have no resultant; of loads
         with several histories the sum of these
     neglected : forces (N) that are negligible in products whose result is kept
@@ -125,10 +128,13 @@ class Joint:
             [
                 any(member.dear for member in members),
                 any(interface.geometry.waves for interface in space.interfaces),
+                len(space.layers) > 0,
+                any(len(layer.pressure) > 2 for layer in space.layers),
             ]
         )
         exchange.world.Allreduce(MPI.IN_PLACE, ours, MPI.LOR)
-        self.dear, self._waves = ours
+        self.dear, self._waves, self.soft, self.stiffens = ours
+        self.D, self.offset = space.softness(np.zeros(space.size))
         self._moved = {
             name: exchange.total(
                 [member.response(name)[0] for member in members], "free displacement"
@@ -188,6 +194,7 @@ class Joint:
     def at_rest(self) -> Point:
         """No forces, and no motions but those that stay. Collective."""
         s = np.zeros(self.size)
+        self.take(s)
         return Point(
             s,
             -self.d - self.rigid.spread(self.still),
@@ -208,18 +215,36 @@ class Joint:
         present = np.array([factors[name] for name in self._moved])
         self.load = float(np.abs(present) @ self._loads)
 
+    def closed(self, point: Point) -> Point:
+        """The point with the gaps of soft joints as they are under its forces, not as near those of D. Not collective."""
+        if not self.stiffens:
+            return point
+        D, offset = self.space.softness(point.s)
+        return point._replace(r=point.r + (D - self.D) * point.s + offset - self.offset)
+
+    def take(self, s: np.ndarray) -> None:
+        """From here on let soft joints have the D that they have near forces s (size,)."""
+        if self.stiffens:
+            self.D, self.offset = self.space.softness(s)
+
+    def soften(self, point: Point) -> Point:
+        """`closed`, and `take` its forces."""
+        closed = self.closed(point)
+        self.take(point.s)
+        return closed
+
     def product(self, x: np.ndarray, purpose: str, relative: float | None = None) -> np.ndarray:
-        """C x (size,) as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
+        """(C + D) x (size,) as a new vector, precise enough to be kept, or `relative` as for `Compliance.mult`."""
         y = np.empty(self.size)
         if relative is None:
             size = self.space.norm(x)
             # a relative error of neglected/‖x‖ leaves forces of size `neglected` unbalanced in the bodies
             relative = min(self.neglected / size, STEERING) if size else 0.0
         self.mult(x, y, purpose, relative)
-        return y
+        return y + self.D * x if self.soft else y
 
     def solved(self, x: np.ndarray, purpose: str) -> np.ndarray:
-        """C x (size,) as `product`, by solves with the bodies even where their compliances are dense matrices."""
+        """(C + D) x (size,) as `product`, by solves with the bodies even where their compliances are dense matrices."""
         with contextlib.ExitStack() as stack:
             for member in self.members:
                 stack.enter_context(member.C.by_solves())

@@ -16,6 +16,7 @@ from scipy.sparse import csgraph
 
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ActiveSet, Law, Tangent
+from ddmpi.scene.contacts import Closure
 from ddmpi.scene.scene import Settled
 from ddmpi.sets import Box, Discs, product
 from ddmpi.system.doubts import Doubt
@@ -112,6 +113,28 @@ class Space:
         ):
             self.interfaces = tuple(interface.under(factors) for interface in self._drawn)
             self._place()
+
+    @property
+    def layers(self) -> list[Closure]:
+        """The laws of soft joints."""
+        return [interface.layer for interface in self.interfaces if interface.layer]
+
+    def softness(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """D (size,) in m/N and b (size,) in metres of the closures D s + b of soft joints near forces s (size,)."""
+        D, offset = np.zeros(self.size), np.zeros(self.size)
+        for interface, entries in self.with_slices():
+            rows = slice(entries.start, entries.start + interface.m)
+            D[rows], offset[rows] = interface.softness(s[rows])
+        return D, offset
+
+    def stored(self, s: np.ndarray) -> float:
+        """The energy (J) of all soft joints under forces s (size,). Collective."""
+        stored = 0.0
+        for interface, entries in self.with_slices():
+            if interface.layer:
+                pressure = s[entries][: interface.m] / interface.area
+                stored += float(interface.layer.stored(pressure) @ interface.area)
+        return float(self.add(np.array([stored]))[0])
 
     def with_slices(self) -> list[tuple[Interface, slice]]:
         """The interfaces with the slices of their entries in a vector."""

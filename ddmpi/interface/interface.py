@@ -18,7 +18,7 @@ import scipy.sparse as sparse
 from ddmpi.errors import InputError
 from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
-from ddmpi.scene.contacts import PAIR
+from ddmpi.scene.contacts import PAIR, Closure
 from ddmpi.surface.outline import Outline
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import ALIKE, RigidMotion
@@ -217,6 +217,7 @@ class Interface:
     partner : the prescribed motion of the second side
     fixed : nodes without unknowns, because clamps constrain both bodies there; the certificate ignores their gap
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
+    layer : the law of a soft joint; None of a hard one
     gap_history, scale : the history of the gap, or None; the gap's factor at present
     drawing : what files and pictures show
     """
@@ -232,6 +233,7 @@ class Interface:
     partner: Partner = Partner()
     fixed: Places = field(default_factory=Places)
     probes: Places = field(default_factory=Places)
+    layer: Closure | None = None
     gap_history: str | None = None
     scale: float = 1.0
     drawing: Drawing = field(default_factory=Drawing)
@@ -252,6 +254,13 @@ class Interface:
         # B² u with the second side's signs: its normal is −ν, its tangents −t.
         carried = self.partner.carried(self.places)[self.law.node]
         return -np.einsum("id,id->i", self.directions, carried)
+
+    def softness(self, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """D (m,) in m/N and b (m,) in metres of the closure D s + b near normal forces s (m,); zero of hard contacts."""
+        if not self.layer:
+            return np.zeros(self.m), np.zeros(self.m)
+        slope, offset = self.layer.tangent(normal / self.area)
+        return slope / self.area, offset
 
     @property
     def xy(self) -> np.ndarray:

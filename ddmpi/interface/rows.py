@@ -235,6 +235,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         partner=Partner(pull=pull),
         fixed=_at_rows(rows, np.flatnonzero(dropped), start),
         probes=_probes(rows, contact, dropped, np.flatnonzero(beyond), start),
+        layer=contact.layer,
         gap_history=contact.opening[1],
         drawing=Drawing(lines, partial(_outline, rows, keep)),
     )

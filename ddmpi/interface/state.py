@@ -133,6 +133,12 @@ class ContactState:
         return f"ContactState({self.interface.name}, {len(self.gap)} nodes)"
 
     @property
+    def closure(self) -> np.ndarray:
+        """(m,) by how far a soft joint is closed under its forces (m); zero of a hard one."""
+        slope, offset = self.interface.softness(self.normal_force)
+        return slope * self.normal_force + offset
+
+    @property
     def slip_total(self) -> np.ndarray:
         """(m, d − 1) slip of all load steps (m)."""
         return self.slip + self.before

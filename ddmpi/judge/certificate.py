@@ -150,7 +150,8 @@ def contact_residuals(
         return ContactResiduals(0.0, 0.0, 0.0, 0.0)
     # S is the size of forces, U that of displacements; the floors keep rounding from being compared with rounding
     floor = (NO_FORCE if s.any() else 1.0) * load / np.sqrt(interface.m)
-    overlap = law.misfit(state.gap)
+    gap = state.gap + state.closure  # by how far the law of the joint is missed
+    overlap = law.misfit(gap)
     U = np.inf if interface.alone else max(np.abs(trace).max(initial=0.0) for trace in u)
     S = np.abs(s).max(initial=0.0)
     (moved, largest), (moved_before, before) = everywhere, former
@@ -160,7 +161,7 @@ def contact_residuals(
         largest if floor >= S else NO_FORCE * largest,
         (NO_FORCE if S else RELEASED) * before,
     )
-    work, tension = law.complementarity(state.normal_force, state.gap)
+    work, tension = law.complementarity(state.normal_force, gap)
     # s_ν ≥ 0 and s_ν r_ν = 0: the work of pressure on gaps, over all pressure on gaps of size U; tension
     complementarity = max(
         _ratio(work, np.maximum(state.normal_force, 0.0).sum() * U), _ratio(tension, max(S, floor))

@@ -250,7 +250,9 @@ def _angle(ends: Ends, place: np.ndarray, normal: np.ndarray, near: float) -> fl
 
 
 def _what(bonded: bool, angles: np.ndarray, ends: Sequence[Ends], interface: Interface) -> str:
-    """What makes the stresses at a place infinite, in words; empty if they are finite."""
+    """What makes the stresses at a place infinite, in words; empty if they are finite, as in a soft joint."""
+    if interface.layer:
+        return ""
     sharper = int(np.argmin(angles))
     body = interface.bodies[sharper]
     corner = {2: "corner", 3: "edge"}[interface.dimension]

@@ -502,7 +502,8 @@ def _held_through_air(state: ContactState, least: float, unit: str) -> Iterator[
 
 def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> Iterator[str]:
     """A warning where bodies that move by up to `moved` (m) overlap much between the nodes of a contact."""
-    interface, overlap, unit = state.interface, -state.between, assembly.scene.units["length"]
+    interface, unit = state.interface, assembly.scene.units["length"]
+    overlap = -state.between - state.closure.max(initial=0.0)
     k = int(np.argmax(overlap)) if len(overlap) else 0
     body = next(body for body in assembly.bodies if body.spec.name == interface.bodies[0])
     if not len(overlap):

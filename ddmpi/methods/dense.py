@@ -108,7 +108,7 @@ def factor(
 ) -> Factors | None:
     """Factors of the matrix of a `LinearProblem`, with C (size, size) explicit; None if it is singular. Not collective."""
     shared, springs = by.softly(preconditioner, linearised)
-    K = _matrix(C, linearised, joint, layer[linearised.unknown] + shared, springs)
+    K = _matrix(C, linearised, joint, (layer + joint.D)[linearised.unknown] + shared, springs)
     lu, pivots, singular = dgetrf(K)
     return None if singular else Factors(K, np.append(shared, springs), lu, pivots)
 

@@ -342,7 +342,10 @@ class Model(Joint):
     def pass_through(self, s: np.ndarray, r: np.ndarray, alpha: np.ndarray, e: np.ndarray) -> None:
         """Choose d̃ so that the model has the gaps r (size,) under forces s (size,) and motions α; take the loads e."""
         # C̃ s − d̃ − Gᵀα = r: the model is exact at the iterate, and errs in changes of the gaps alone
-        self.d, self.e = self.product(s, "model", 0.0) - r - self.rigid.spread(alpha), e
+        self.d, self.e = (
+            self.product(s, "model", 0.0) + self.offset - r - self.rigid.spread(alpha),
+            e,
+        )
 
 
 class Modelled:
@@ -373,6 +376,7 @@ class Modelled:
         Collective. Raises SolverError.
         """
         joint, newton, (s, r, alpha, left) = self._joint, self._newton, point
+        newton.joint.D, newton.joint.offset = joint.D, joint.offset
         newton.joint.pass_through(s, r, alpha, joint.e)
         newton.begin((s, r, alpha) if guess != "rest" else None, foreseen=residual < FORESEEN)
         least = joint.neglected / size if size else 0.0
@@ -383,9 +387,10 @@ class Modelled:
         relative = (
             min(max(self._corrected * moved, joint.neglected) / whole, COARSEST) if whole else 0.0
         )
-        opened = joint.product(forces, "newton", relative) - joint.d - turned - r
+        opened = joint.product(forces, "newton", relative) + joint.offset - joint.d - turned - r
         self.rough = True
-        newton.joint.learn(forces - s, opened + turned - joint.rigid.spread(alpha))
+        closed = opened + turned - joint.rigid.spread(alpha)
+        newton.joint.learn(forces - s, closed - joint.D * (forces - s))
         return Point(
             forces - s,
             opened,

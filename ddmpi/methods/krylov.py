@@ -174,7 +174,7 @@ class Preconditioner:
 
     Attributes
     ----------
-    c : (joint.size,) stiffness of half-spaces against short waves (N/m), half the joint moduli
+    c, hard : (joint.size,) stiffness against short waves (N/m), of soft joints and of half-spaces: half the joint moduli
     in_space : whether friction has two components at any contact
     springs : (rigid.size,) ε E* of rigid motions (N/m)
     shared : (joint.size,) compliances (m/N) that steer at nodes with several contacts, zero elsewhere
@@ -185,11 +185,12 @@ class Preconditioner:
     def __init__(self, joint: Joint) -> None:
         self._joint, space = joint, joint.space
         stiffness = [interface.stiffness for interface in space.interfaces]
-        self.c = np.concatenate([np.empty(0), *stiffness])
+        self.hard = np.concatenate([np.empty(0), *stiffness])
+        self.c = self.hard / (1.0 + joint.D * self.hard)
         components = np.array([float(law.components) for law in space.laws.laws])
         self.in_space = space.largest(components) > 1.0
         self.springs = HELD_LOOSELY * joint.rigid_moduli
-        self.shared = np.where(joint.shared(), SHARED / self.c, 0.0)
+        self.shared = np.where(joint.shared(), SHARED / self.hard, 0.0)
         if not joint.far:  # now, so that a run that continues from a checkpoint does not count their products again
             for made in ("half_space", "coarse", "crossing"):
                 getattr(self, made)
@@ -288,8 +289,10 @@ class LinearProblem:
     ) -> None:
         self.joint, self.linearised, self._purpose = joint, linearised, purpose
         shared, springs = by.softly(preconditioner, linearised)
+        # in `apply` the compliances of soft joints are a part of products
+        self._layer = layer[linearised.unknown] + (0.0 if by.exact else shared)
+        layer = layer + joint.D
         self._D = shared + layer[linearised.unknown]
-        self._layer = layer[linearised.unknown] if by.exact else self._D
         # The transposed of Iᵀ C E is Eᵀ C I: the forces are I y, and rows are tested by E.
         self.expand, self.restrict = (
             (linearised.place, linearised.contract)
@@ -301,7 +304,7 @@ class LinearProblem:
             linearised.basis, self._D, preconditioner.shared > 0.0
         )
         # M_δ has one δ for each interface, the least one, for the stiffest nodes; W softens the others one by one
-        deltas = np.where(linearised.unknown, layer * preconditioner.c, np.inf)
+        deltas = np.where(linearised.unknown, layer * preconditioner.hard, np.inf)
         self._half_space = preconditioner.half_space.softened(
             [
                 least if np.isfinite(least) else 0.0
@@ -309,7 +312,7 @@ class LinearProblem:
                 for least in (deltas[entries].min(initial=np.inf),)
             ]
         )
-        self._weights = 1.0 / np.sqrt(1.0 + layer * preconditioner.c)[linearised.unknown]
+        self._weights = 1.0 / np.sqrt(1.0 + layer * preconditioner.hard)[linearised.unknown]
         self._rigid = joint.rigid.size
         self._forcing, self._slender = by.forcing, np.inf if by.precise else SLENDER
         self._coarse: CoarseSystem | None = None

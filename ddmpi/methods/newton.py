@@ -1,7 +1,7 @@
 """The default outer method: a semi-smooth Newton method on the contact forces of the interfaces.
 
 The unknowns are the contact forces s, equal and opposite on the two bodies, and the rigid motions α of loose bodies.
-The gaps are r = C s − d − Gᵀα (see `Joint`). With the projection P of the laws of contact and friction
+The gaps are r = (C + D) s + b − d − Gᵀα (see `Joint`). With the projection P of the laws of contact and friction
 (`ddmpi.interface.law`), the equations are
 
     s = P(s − c r) for any c > 0,        G s + K α = e
@@ -170,8 +170,10 @@ class Newton(Outer):
         warm : forces s (size,), gaps r (size,) under the present loads, and motions α, of the step before; or None
         foreseen : whether `warm` predicts this load step, so that its gaps tell the first status of nodes
         """
-        joint, space, point = self.joint, self.joint.space, self.joint.at_rest()
-        if warm:
+        joint, space = self.joint, self.joint.space
+        if warm is None:
+            point = joint.at_rest()
+        else:
             s, r, alpha = warm
             if joint.rigid.size and joint.stays.held.size:  # a prediction may have moved them
                 before, alpha = alpha, joint.stays.settled(alpha)
@@ -372,7 +374,8 @@ class Newton(Outer):
         """The same forces with gaps that are computed anew. Collective."""
         s, _, alpha, _ = at.point
         product = self.joint.solved if self.refined else self.joint.product
-        r = product(s, "newton") - self.joint.d - self.joint.rigid.spread(alpha)
+        self.joint.take(s)
+        r = product(s, "newton") + self.joint.offset - self.joint.d - self.joint.rigid.spread(alpha)
         if self._modelled:
             self._modelled.refine()
         looked = self._measured(Point(s, r, alpha, self.joint.imbalance(s, alpha)))
@@ -394,6 +397,7 @@ class Newton(Outer):
 
     def _measured(self, point: Point) -> Iterate:
         """The iterate at a point. Collective."""
+        point = self.joint.soften(point)
         return Iterate(point, self._size(point.s), self._misfits([point])[0])
 
     def _size(self, s: np.ndarray) -> float:
@@ -405,7 +409,11 @@ class Newton(Outer):
 
         The residuals are s − P(s − c r) and e − G s − K α. All points in one reduction. Collective.
         """
-        points, space, c = list(points), self.joint.space, self.preconditioner.c
+        space, c, points = (
+            self.joint.space,
+            self.preconditioner.c,
+            [*map(self.joint.closed, points)],
+        )
         contact = space.norms([s - space.laws.project(s - c * r) for s, r, *_ in points])
         return [
             math.hypot(of_laws, norm(point.left))
@@ -423,7 +431,7 @@ class Newton(Outer):
                 at = self._look(at)
             change = self.direction(at.point, *self._linearised(at), by=by)
         misfit, length = self._length(at, change, GROWTH if full else GAIN)
-        point = at.point.along(change, length)
+        point = self.joint.soften(at.point.along(change, length))
         return Iterate(point, self._size(point.s), misfit)
 
     def _linearised(self, at: Iterate) -> tuple[Linearised, np.ndarray, np.ndarray, np.ndarray]:

@@ -131,6 +131,7 @@ class Path:
     """
 
     by: Regularisation
+    _joint: Joint
     point: Point
     near: float
     failed: bool
@@ -150,7 +151,9 @@ class Path:
         while not self.failed:
             stage = self.stage
             with event("NewtonStep"):
+                self._joint.take(self.point.s)
                 self.step(solve)
+                self.point = self._joint.soften(self.point)
             yield Station(self.point, stage, 0.0 if self.failed else self.near)
             self.go_on()
 
@@ -314,7 +317,7 @@ class InteriorPoints(Path):
         self._unknown[rows[~self._rubbing]] = False  # no friction force at all
         self._rows = rows[self._rubbing]
         r, alpha = (
-            joint.product(s, "newton") - joint.d - joint.rigid.spread(joint.still),
+            joint.product(s, "newton") + joint.offset - joint.d - joint.rigid.spread(joint.still),
             joint.still.copy(),
         )
         if joint.rigid.size:  # least squares: α = (ZᵀZ)⁻¹Zᵀr leaves the smallest gaps |r − Zα|

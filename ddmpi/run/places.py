@@ -262,7 +262,11 @@ class FarMarch(March):
         s, largest = assembly.space.laws.project(_forces_of(assembly, rows)), self.log.most["sizes"]
         if assembly.space.any(s):
             outer.begin(
-                (s, joint.product(s, "newton") - joint.d, np.zeros(joint.rigid.size)),
+                (
+                    s,
+                    joint.product(s, "newton") + joint.offset - joint.d,
+                    np.zeros(joint.rigid.size),
+                ),
                 foreseen=again,
             )
         outer.nothing, outer.direct.steps = NOTHING * largest[0], True

@@ -298,7 +298,11 @@ def _warm(assembly: Assembly, start: Former) -> Start:
 
     def begin() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         s = assembly.space.laws.project(np.concatenate(forces))
-        return s, joint.product(s, "newton") - joint.d - joint.rigid.spread(alpha), alpha
+        return (
+            s,
+            joint.product(s, "newton") + joint.offset - joint.d - joint.rigid.spread(alpha),
+            alpha,
+        )
 
     return begin
 

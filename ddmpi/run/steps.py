@@ -235,7 +235,7 @@ class March:
         The step is a `share` of the one before, zero at a turning point. There, and after a cut, nothing can be
         extrapolated.
         """
-        now, before = self._now, self._before
+        now, before, joint = self._now, self._before, self.assembly.joint
         self.iteration.begin()
         if now.time == 0.0:
             self.outer.begin()
@@ -248,11 +248,12 @@ class March:
                     (now.alpha, before.alpha),
                 )
             )
-            self.outer.begin(
-                (s, start - closed, alpha), foreseen=True
-            )  # loads are linear along a leg
+            joint.take(s)  # loads are linear along a leg
+            self.outer.begin((s, start - closed + joint.D * s + joint.offset, alpha), foreseen=True)
         else:
-            self.outer.begin((now.s, now.d - self._d - now.closed + start, now.alpha))
+            joint.take(now.s)
+            gaps = now.d - self._d - now.closed + joint.D * now.s + joint.offset
+            self.outer.begin((now.s, gaps + start, now.alpha))
 
     def _slip_begins(self, share: float) -> np.ndarray:
         """Where the slip of the next step, a `share` of the one before, begins (size,) (m)."""
@@ -351,9 +352,12 @@ class March:
         work, taken = now.work_since(before, space)
         work += by_frames
         lost = work - (now.energy - before.energy) - taken  # ΔW − ΔU − ΔI, zero but for rounding
+        soft = self.assembly.joint.soft
+        stored = space.stored(now.s) if soft else 0.0
+        taken -= stored - space.stored(before.s) if soft else 0.0
         _, worked, _, took, lately, _ = self.log.energies[-1] if self.log.energies else np.zeros(6)
         self.log.energies.append(
-            [now.time, worked + work, now.energy, took + taken, lately + rubbed, lost]
+            [now.time, worked + work, now.energy + stored, took + taken, lately + rubbed, lost]
         )
 
     def _leave(self) -> None:

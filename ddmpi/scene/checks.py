@@ -33,6 +33,11 @@ def mistakes(scene: Any) -> Iterator[str]:
     yield from _histories(scene)
     for contact in scene.contact:
         yield from _pretension(scene, contact)
+        if contact.layer and scene.method.for_one:
+            yield (
+                f'contact.{contact.called}.softness: a soft joint needs outer = "newton", the default, not '
+                f"method.{scene.method.for_one}"
+            )
     if scene.time:
         yield from _load_steps(scene)
     yield from wrong_motions(scene)

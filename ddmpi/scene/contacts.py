@@ -25,7 +25,7 @@ from ddmpi.scene.values import (
     joined,
     no_z,
 )
-from ddmpi.system.numbers import nearest_in
+from ddmpi.system.numbers import ALIKE, nearest_in
 
 SQUASHED = 1e-6
 """The search for the nearest point to an axis scales lengths along the axis by this."""
@@ -118,6 +118,49 @@ class Gap(SignedProfile, frozen=True, kw_only=True):
             raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
 
 
+class Closure(Table, frozen=True, kw_only=True):
+    """How far the sides of a soft joint close under pressure: linear between points, beyond the last as before it.
+
+    Attributes
+    ----------
+    pressure : (Pa) ascending from 0
+    closure : at each (m), ascending from 0; the joint must not get softer under pressure
+    """
+
+    pressure: list[NonNegative]
+    closure: list[NonNegative]
+
+    def __post_init__(self) -> None:
+        p, w = np.array(self.pressure), np.array(self.closure)
+        if len(p) != len(w) or len(p) < 2 or p[0] or w[0]:
+            raise ValueError(
+                "pressure and closure are equally many numbers, at least two, from 0 on"
+            )
+        if (np.diff(p) <= 0.0).any() or (np.diff(w) < 0.0).any():
+            raise ValueError("pressure and closure must ascend")
+        slopes = np.diff(w) / np.diff(p)
+        if softer := np.flatnonzero(slopes[1:] > (1.0 + ALIKE) * slopes[:-1]).tolist():
+            raise ValueError(
+                f"beyond a pressure of {p[softer[0] + 1]:g} the joint gets softer; Newton's method is "
+                "certain only of joints that get stiffer under pressure"
+            )
+
+    def tangent(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """a (m, m/Pa) and b (m,) of the closure a p + b near these pressures (m,)."""
+        p, w = np.array(self.pressure), np.array(self.closure)
+        k = np.clip(np.searchsorted(p, pressure, side="right") - 1, 0, len(p) - 2)
+        slope = (np.diff(w) / np.diff(p))[k]
+        return slope, w[k] - slope * p[k]
+
+    def stored(self, pressure: np.ndarray) -> np.ndarray:
+        """The energy ∫ p dw (J/m²) under pressures (m,)."""
+        p, w = np.array(self.pressure), np.array(self.closure)
+        before = np.append(0.0, np.cumsum(0.5 * (p[1:] + p[:-1]) * np.diff(w)))
+        k = np.clip(np.searchsorted(p, pressure, side="right") - 1, 0, len(p) - 2)
+        slope, offset = self.tangent(pressure)
+        return before[k] + 0.5 * (p[k] + pressure) * (slope * pressure + offset - w[k])
+
+
 class Pretension(Table, frozen=True, kw_only=True):
     """The force of a bolt: it is given while its history goes on; after that the bond keeps its offset.
 
@@ -203,6 +246,7 @@ class ContactSpec(Table, frozen=True, kw_only=True):
         along a direction, by one offset of the whole bond
     slave : with mortar, the body whose nodes carry the forces, "first" or "second" side of one body; left out, that of
         larger node spacing over E/(1 − ν²)
+    softness : of a gasket or of rough faces: closure per pressure (m/Pa), or a table of both; left out, none
     """
 
     name: Name | None = None
@@ -214,6 +258,7 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     pairing: Literal["nodes", "mortar"] | None = None
     slave: Name | None = None
     pretension: Pretension | None = None
+    softness: NonNegative | Closure | None = None
 
     def __post_init__(self) -> None:
         force_setattr(self, "on", tuple(map(joined, self.on)))
@@ -225,6 +270,10 @@ class ContactSpec(Table, frozen=True, kw_only=True):
         if self.two_sided and not isinstance(self.friction, NoFriction):
             raise ValueError(
                 f'friction does not go with kind = "{self.kind}"; leave one of them out'
+            )
+        if self.softness and self.two_sided:
+            raise ValueError(
+                f'softness does not go with kind = "{self.kind}", whose sides do not close; leave one of them out'
             )
         if self.slave is not None and self.pairing == "nodes":
             raise ValueError(
@@ -252,6 +301,14 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     def roles(self) -> tuple[str, str]:
         """What `slave` calls both sides: their bodies, of one body "first" and "second"."""
         return PAIR if self.itself else self.bodies
+
+    @property
+    def layer(self) -> Closure | None:
+        """The law of a soft joint; None of a hard one."""
+        if isinstance(self.softness, float | int):
+            closure = Closure(pressure=[0.0, 1.0], closure=[0.0, self.softness])
+            return closure if self.softness else None
+        return self.softness
 
     @property
     def called(self) -> str:

@@ -5,8 +5,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import numpy as np
+import scipy.sparse as sparse
+from by_skfem import stiffness_of
+from scipy.sparse.linalg import spsolve
 
+from ddmpi.mesh.build import build_mesh
+from ddmpi.scene.bodies import BodySpec, Material
 from problems import ANGLE, AROUND, Order, Results, X, Y, along, mean_pressure, off, problem
 from problems.bodies import (
     annulus,
@@ -190,6 +196,69 @@ def mat(n: int, order: Order, folder: Path) -> Results:
         answer,
         along(answer.contacts["block-east"], p * 0.3 / 0.7, Y, "pressure of a wall (Pa)"),
     )
+
+
+@problem("A block on a soft joint", orders=(1,))
+def soft_joint(n: int, order: Order, folder: Path) -> Results:
+    material, load = {"young": 1e9, "poisson": 0.3}, (2e5, -1e6)
+    made = body(
+        "block",
+        between([(1.5, 0), (3, 0), (3, 1), (1.5, 1)], (9 * n, 4 * n), order),
+        *material.values(),
+        held(left="x"),
+        {"right": load},
+    )
+    spec = msgspec.convert(made, BodySpec)
+    mesh = build_mesh(spec)
+    bottom = np.unique(mesh.groups["bottom"])
+    bottom = bottom[np.argsort(mesh.points[bottom, 0])]
+    length = np.full(len(bottom), 1.5 / (9 * n))
+    length[[0, -1]] /= 2.0
+    K, f = stiffness_of(mesh, Material(**material)).tocsc(), np.zeros(mesh.points.shape)
+    np.add.at(f, mesh.groups["right"], 0.5 / (4 * n) * np.array(load))
+    free = np.setdiff1d(np.arange(f.size), 2 * np.unique(mesh.groups["left"]))
+    values = {}
+    for name, pressure, closure in (
+        ("one stiffness", [0.0, 1e9], [0.0, 1e-1]),
+        ("a table", [0.0, 5e5, 2e6, 1e9], [0.0, 2e-3, 4e-3, 1e-1]),
+    ):
+        u, down = np.zeros(f.size), 2 * bottom + 1
+        u[down] = -1e-3
+        for _ in range(
+            40
+        ):  # springs as stiff as the law is at their closures w, and what they bear there
+            w, slope = -u[down], np.diff(pressure) / np.diff(closure)
+            stiff = slope[np.searchsorted(closure[1:-1], w)] * (w > 0.0)
+            pressed, springs, borne = (
+                np.interp(w, closure, pressure),
+                np.zeros(f.size),
+                f.ravel().copy(),
+            )
+            springs[down], borne[down] = (
+                length * stiff,
+                borne[down] + length * (pressed - stiff * w),
+            )
+            u[free] = spsolve((K + sparse.diags(springs))[free][:, free], borne[free])
+        table = {"pressure": pressure, "closure": closure}
+        joint = contact("block", "floor", "bottom", softness=1e-10 if len(pressure) < 3 else table)
+        answer = solved([made], [joint], [plane("floor", (0, 0), (0, 1))], 1e-12)
+        state = answer.contacts["block-floor"]
+        state_order = np.argsort(state.interface.xy[:, 0])
+        values |= {
+            f"worst pressure, {name}": (off(state.pressure[state_order], pressed), 1e-8),
+            f"worst displacement, {name}": (
+                off(answer.bodies["block"].displacement, u.reshape(-1, 2)),
+                1e-8,
+            ),
+            f"worst closure less the law's, {name}": (
+                np.abs(
+                    np.interp(state.pressure, pressure, closure) + np.minimum(state.gap, 0.0)
+                ).max()
+                / w.max(),
+                1e-8,
+            ),
+        }
+    return values, answer, along(state, lambda x: np.interp(x, mesh.points[bottom, 0], pressed), X)
 
 
 @problem("A fit that loosens under a torque", (24, 48, 96), "sides around")

@@ -46,7 +46,9 @@ def joint(asked: list[float]) -> Joint:
         size=3,
         gap=np.array([0.25, 0.0, 0.0]),
         interfaces=[],
+        layers=[],
         norm=lambda x: float(np.linalg.norm(x)),
+        softness=lambda s: (0.0 * s, 0.0 * s),
     )
     return Joint([member("upper", 1.5, 0.75), member("lower", 2.5, 1.25)], AllSeeAll(), space)
 

@@ -96,6 +96,9 @@ def skew() -> dict:
     return scene
 
 
+SOFT = {"pressure": [0.0, 1e7, 4e7, 1e9], "closure": [0.0, 1e-4, 1.5e-4, 1.6e-4]}
+
+
 def profile(law: str, key: str, *values: float) -> dict:
     """Blocks that do not match, with a given gap, and friction that changes along them."""
     scene = blocks(
@@ -154,6 +157,17 @@ CASES = {
         blocks("tresca", gap=0.0),
         {f"{PAIR}.friction.slip_bound": None, f"{PAIR}.gap": 1e-6},
         ["contacts.upper-lower.tangential_force", "contacts.upper-lower.dissipated"],
+    ),
+    # the slope of the joint's law is that at each node
+    "a soft joint": (
+        blocks(softness=SOFT, gap=-1e-6),
+        {
+            "body.upper.traction.0": None,
+            f"{PAIR}.gap": None,
+            f"{PAIR}.friction.coefficient": None,
+            "body.lower.material.young": None,
+        },
+        ["contacts.upper-lower.pressure_max", "contacts.upper-lower.dissipated"],
     ),
     "clamps along directions": (
         skew(),

@@ -16,7 +16,7 @@ import ddmpi.methods.newton
 import ddmpi.methods.paths
 from ddmpi.coupling.coarse import CoarseSystem, CrossPoints, Motions
 from ddmpi.coupling.exchange import Exchange
-from ddmpi.coupling.joint import Point
+from ddmpi.coupling.joint import Joint, Point
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import BondedLaw, CoulombLaw
@@ -35,7 +35,8 @@ class Dense:
         np.empty(0, bool),
         np.empty(0),
     )
-    load = 0.0
+    load, D, offset, stiffens = 0.0, 0.0, 0.0, False
+    closed, take, soften = Joint.closed, Joint.take, Joint.soften
 
     def __init__(
         self, C: np.ndarray, d: np.ndarray, coefficient: float, components: int = 1

@@ -899,6 +899,42 @@ ASKED = [
         "body.upper.clamp.1={on='right', along=[0.6, 0.8], value='1e-3 * y'}",
     ),
     Bound(
+        "contact.upper-lower.softness: expected a number >= 0.0",
+        "pair",
+        "contact.0.softness=-1e-30",
+        "contact.0.softness=0.0",
+    ),
+    Bound(
+        "softness: pressure and closure are equally many numbers",
+        "pair",
+        "contact.0.softness={pressure=[0.0, 1.0], closure=[1e-30, 1.0]}",
+        "contact.0.softness={pressure=[0.0, 1.0], closure=[0.0, 1.0]}",
+    ),
+    Bound(
+        "softness: pressure and closure must ascend",
+        "pair",
+        "contact.0.softness={pressure=[0.0, 1.0, 2.0], closure=[0.0, 1.0, 0.9999999]}",
+        "contact.0.softness={pressure=[0.0, 1.0, 2.0], closure=[0.0, 1.0, 1.0]}",
+    ),
+    Bound(
+        "softness: beyond a pressure of 1 the joint gets softer",
+        "pair",
+        "contact.0.softness={pressure=[0.0, 1.0, 2.0], closure=[0.0, 1.0, 2.0000001]}",
+        "contact.0.softness={pressure=[0.0, 1.0, 2.0], closure=[0.0, 1.0, 2.0]}",
+    ),
+    Bound(
+        'softness does not go with kind = "guided"',
+        "pair",
+        ["contact.0.kind=guided", "contact.0.friction={law='none'}", "contact.0.softness=1e-30"],
+        ["contact.0.kind=guided", "contact.0.friction={law='none'}", "contact.0.softness=0.0"],
+    ),
+    Bound(
+        'contact.upper-lower.softness: a soft joint needs outer = "newton"',
+        "pair",
+        ["method.outer=relaxation", "contact.0.softness=1e-30"],
+        ["method.outer=relaxation", "contact.0.softness=0.0"],
+    ),
+    Bound(
         "a foundation has a stiffness per area",
         "plane",
         "body.upper.foundation=[{on='right', normal=0.0}]",

@@ -193,6 +193,10 @@ def in_units(scene: dict, kind: Kind, L: float, S: float) -> dict:
         scale(rigid, point=L, center=L, pivot=L, displacement=L, radius=L, force=F, moment=F * L)
     for contact in scene.get("contact", []):
         scale(contact, gap=L)
+        if isinstance(contact.get("softness"), dict):
+            scale(contact["softness"], pressure=S, closure=L)
+        else:
+            scale(contact, softness=L / S)
         scale(contact.get("friction", {}), slip_bound=S)
         scale(contact.get("pretension", {}), force=F)
     return scene

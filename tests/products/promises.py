@@ -604,6 +604,27 @@ def rigid_floor(kind: Kind) -> Case:
     return on_floor(kind, -LOAD, block={"traction": [{"on": "top", "pressure": LOAD}]})
 
 
+@feature
+def soft_joint(kind: Kind) -> Case:
+    """A block on a layer sinks by the pressure times its softness."""
+    sunk, block = 3.1e-4, {"traction": [{"on": "top", "pressure": LOAD}]}
+    case = on_floor(kind, -LOAD, block=block, softness=sunk / LOAD, shift=-sunk * kind.up)
+    if case.stored is not None:
+        case.stored += 0.5 * LOAD * sunk * kind.area()
+    return case
+
+
+@feature
+def soft_joint_by_a_table(kind: Kind) -> Case:
+    """A layer that gets stiffer, from 0.4 of the load on."""
+    table = {"pressure": [0.0, 0.4 * LOAD, 1.6 * LOAD], "closure": [0.0, 2.3e-4, 2.9e-4]}
+    sunk, block = 2.6e-4, {"traction": [{"on": "top", "pressure": LOAD}]}
+    case = on_floor(kind, -LOAD, block=block, softness=table, shift=-sunk * kind.up)
+    if case.stored is not None:
+        case.stored += (0.2 * 2.3e-4 + 0.7 * 0.3e-4) * LOAD * kind.area()
+    return case
+
+
 def squeezed(kind: Kind) -> float:
     """How far a block under the stress LOAD gives way (m)."""
     return LOAD / kind.modulus(STEEL) * kind.size[-1]

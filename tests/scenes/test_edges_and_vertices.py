@@ -66,6 +66,14 @@ def test_a_slip_bound_without_an_area_is_refused(place):
         ddmpi.solve(scene(place, friction={"law": "tresca", "slip_bound": 1e5}))
 
 
+@pytest.mark.parametrize("place", PLACES)
+def test_a_soft_joint_without_an_area_is_refused(place):
+    """Softness is closure per pressure."""
+    words = r"contact.b-a.softness: .* at \(1, [01, ]*\), where a joint has no area to be soft"
+    with pytest.raises(InputError, match=words):
+        ddmpi.solve(scene(place, softness=1e-12))
+
+
 @pytest.mark.parametrize("cells", [2, 4, 6])
 def test_nodes_along_an_edge_must_match(cells):
     """Where they do not, no pair of them stands for the edge, at its ends neither."""

@@ -46,6 +46,6 @@ def test_all_problems_are_there():
     assert {each.measure.__module__ for each in PROBLEMS.values()} == {
         module.__name__ for module in (flat, curved, supports, around_axis, moving, solids)
     }
-    assert len(PROBLEMS) == 45
+    assert len(PROBLEMS) == 47
     for name, each in PROBLEMS.items():
         assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)

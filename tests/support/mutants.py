@@ -1314,6 +1314,34 @@ MUTANTS = [
             "body/test_loads.py::test_clamps_move_the_ends_of_springs",
         ),
         (
+            "softness is closure per force",
+            "interface/interface",
+            "return (slope / self.area, offset)",
+            "return (slope, offset)",
+            "products/test_products.py::test_a_feature_in_a_kind_of_scene",
+        ),
+        (
+            "a joint that stiffens has been soft at first",
+            "scene/contacts",
+            "return (slope, w[k] - slope * p[k])",
+            "return (slope, 0.0 * w[k])",
+            "products/test_products.py::test_a_feature_in_a_kind_of_scene",
+        ),
+        (
+            "soft joints store nothing",
+            "run/steps",
+            "now.energy + stored",
+            "now.energy",
+            "products/test_products.py::test_a_feature_in_a_kind_of_scene",
+        ),
+        (
+            "derivatives take a soft joint for a hard one",
+            "methods/dense",
+            "(layer + joint.D)[linearised.unknown] + shared",
+            "layer[linearised.unknown] + shared",
+            "derive/test_derivatives.py::test_derivatives_are_those_of_differences",
+        ),
+        (
             "a direction keeps its length",
             "body/loads",
             "clamp.value, nodes, ways / length[:, None]",
@@ -2106,8 +2134,8 @@ MUTANTS = [
         (
             "rows are kept for another gap",
             "coupling/assembly",
-            "replace(contact, friction=NoFriction())",
-            "replace(contact, friction=NoFriction(), gap=None)",
+            "replace(contact, friction=NoFriction(), softness=None)",
+            "replace(contact, friction=NoFriction(), softness=None, gap=None)",
             f"{CHANGED}[held]",
         ),
         (
@@ -2303,7 +2331,7 @@ MUTANTS = [
         (
             "a friction law is kept",
             "coupling/assembly",
-            "interface = replace(interface, law=law)",
+            "interface = replace(interface, law=law, layer=contact.layer)",
             "del law",
             f"{CHANGED}[held]",
         ),

@@ -119,6 +119,7 @@ CHANGES: tuple[Change, ...] = (
         _contact, lambda rng: {"friction": {"law": "coulomb", "coefficient": 0.2 * _number(rng)}}
     ),
     partial(_contact, lambda rng: {"friction": {"law": "none"}}),
+    partial(_contact, lambda rng: {"softness": 1e-13 * _number(rng)}),
     # rollers in place of a clamp in all directions: other dofs
     partial(_one, "body.*.clamp.*", str, lambda rng, clamp: {"on": clamp, "x": 0.0}),
     partial(_one, "body.*.material.poisson", float, lambda rng, _: 0.25 + 0.05 * _number(rng)),
