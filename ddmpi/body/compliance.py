@@ -208,6 +208,19 @@ class Compliance:
         self.count[purpose] += 1
         self.solver.solve(f, u, relative)
 
+    def solve_all(self, loads: np.ndarray, purpose: str, relative: float = 0.0) -> np.ndarray:
+        """A⁻¹ f (k, n) of several loads (k, n), each as of `solve`. Collective."""
+        moved = self.solver.at_once(loads) if len(loads) else loads
+        if moved is not None:
+            self.count[purpose] += len(loads)
+            return moved
+        moved = np.empty_like(loads)
+        for load, one in zip(loads, moved, strict=True):
+            self._f.array[:] = load
+            self.solve(self._f, self._u, purpose, relative)
+            one[:] = self._u.array_r
+        return moved
+
     def norm(self) -> float:
         """A lower bound close to ‖C‖₂ (m/N), estimated at the first call. Collective."""
         if not self._norm:

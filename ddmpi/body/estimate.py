@@ -1,51 +1,36 @@
 """How far is the discrete answer from the exact one? A recovery estimate of the discretization error.
 
-The stress of a finite element solution jumps from element to element. Around every vertex a polynomial of
-the degree of the displacement is fitted to it (superconvergent patch recovery; Zienkiewicz and Zhu, Int. J.
-Numer. Meth. Engng. 33, 1992). The recovered stress is continuous and more accurate, so its distance from
-the computed one, in the norm of the complementary energy, estimates the error of the mesh. At the boundary
-polynomials are those of the inner vertices beside: a fit to the few cells there would follow their errors.
-The recovered stress of linear cells, with one sample each, is no nearer to the true one than these are to
-the polynomials, so that a part of their scatter is added: it is small where the stress is smooth, and counts
-at corners and ends of contacts. The certificate, not the estimate, says how well the contact problem is
-solved.
+The stress of a finite element solution jumps from element to element. The recovered stress (`body.recovery`)
+is continuous and more accurate, so its distance from the computed one, in the norm of the complementary
+energy, estimates the error of the mesh. The recovered stress of linear cells, with one sample each, is no
+nearer to the true one than these are to the polynomials, so that a part of their scatter is added: it is
+small where the stress is smooth, and counts at corners and ends of contacts. The certificate, not the
+estimate, says how well the contact problem is solved.
 """
 
 from __future__ import annotations
 
-import functools
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import comb
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
 
+from ddmpi.body.recovery import Recovery, patches_of, sample_places
 from ddmpi.body.stress import (
-    STRAIGHT_BLOCK,
     Composite,
-    blocks,
     cell_stress,
     cell_temperature,
     columns_of,
+    compliance_of,
     components,
-    energy_density,
     portions,
-    stress_at,
     thermal,
 )
-from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh, bare
 from ddmpi.scene.bodies import Material
 from ddmpi.system.numbers import ROUNDING
-
-SOLVABLE = 1e-5
-"""Least eigenvalue of a patch's normal equations, relative to its number of samples, for a fit of full degree."""
-
-EDGES = 2
-"""How many edges away a vertex of the boundary borrows polynomials at most."""
 
 SCATTER = 0.6
 """The part of the squared distances of the samples of linear cells, one in each, from the polynomials around them that
@@ -66,32 +51,6 @@ class Deformed(NamedTuple):
     heat: np.ndarray | None = None
 
 
-class Recovery(NamedTuple):
-    """The recovered stress of a body with nv nodes of which m are vertices, with polynomials of k terms (Pa).
-
-    Attributes
-    ----------
-    nodes : (n, nv) its components at the nodes
-    fits : (k, n, m) of the polynomials around the vertices, in distances from them over `reach`
-    corners : (nt, c) the numbers of the cells' vertices among these m
-    at, reach : (m, d) and (m,) places of the vertices and sizes of the cells around them (m)
-    order : of the polynomials
-    """
-
-    nodes: np.ndarray
-    fits: np.ndarray
-    corners: np.ndarray
-    at: np.ndarray
-    reach: np.ndarray
-    order: int
-
-    def around(self, vertex: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """The polynomials (n, …, t) of vertices (t,) at places (d, …, t)."""
-        centre = self.at[vertex].T.reshape(len(places), *[1] * (places.ndim - 2), -1)
-        p = _monomials((places - centre) / self.reach[vertex], self.order)
-        return np.einsum("k...t,knt->n...t", p, self.fits[..., vertex])
-
-
 Moved = tuple[np.ndarray, np.ndarray | None]
 """Displacements (nv, d) of a body (m), and temperatures (nv,) over the state free of stress (K), or None."""
 
@@ -99,13 +58,15 @@ Moved = tuple[np.ndarray, np.ndarray | None]
 class Difference(NamedTuple):
     """How far recovered stresses are from computed ones, in some cells of one material, for k displacements of a body.
 
+    Stresses are Lᵀ σ of their components, with L Lᵀ = C⁻¹: products of these are σ : C⁻¹ : τ.
+
     Attributes
     ----------
     cells, material, curved : the numbers of the t cells, their material, and whether they are `summed`
     share : (q, t) the measures of the points of quadrature (m² or m³; in the plane times the thickness)
-    computed, off : (k, n, q, t) components of σ_h and of σ* − σ_h there (Pa)
-    scattered : (k, n, j, t) of linear cells, the distances of the samples from the polynomials of the cells' vertices
-        (Pa); j is 0 for others
+    computed, off : (k, n, q, t) σ_h and σ* − σ_h there (√(J/m³))
+    scattered : (k, n, j, t) of linear cells, the distances of the samples from the polynomials of the cells' vertices;
+        j is 0 for others
     """
 
     cells: slice | np.ndarray
@@ -116,18 +77,24 @@ class Difference(NamedTuple):
     off: np.ndarray
     scattered: np.ndarray
 
-    def product(self, one: int, other: int) -> np.ndarray:
-        """(q, t) the shares of ∫ e_one : C⁻¹ : e_other of the points, of linear cells with a part of the scatter (J);
-        `one` and `other` are numbers of displacements."""
-        density = energy_density(self.material, self.off[one], self.off[other])
+    def products(self, one: int | None = None) -> np.ndarray:
+        """(k, q, t) the shares of ∫ e_one : C⁻¹ : e of the points, of linear cells with a part of the scatter (J), with
+        the number `one` of a displacement; without, those of each with itself."""
+        density = _dots(self.off, one)
         if self.scattered.shape[2]:
-            scatter = energy_density(self.material, self.scattered[one], self.scattered[other])
-            density = density + SCATTER * scatter.mean(axis=0)
+            scatter = _dots(self.scattered, one).mean(axis=1, keepdims=True)
+            density += SCATTER * scatter
         return self.share * density
 
-    def energies(self, one: int) -> np.ndarray:
-        """(q, t) the shares of ∫ σ_h : C⁻¹ : σ_h of the points, of displacement `one` (J)."""
-        return self.share * energy_density(self.material, self.computed[one])
+    def energies(self) -> np.ndarray:
+        """(k, q, t) the shares of ∫ σ_h : C⁻¹ : σ_h of the points (J)."""
+        return self.share * _dots(self.computed)
+
+
+def _dots(x: np.ndarray, one: int | None = None) -> np.ndarray:
+    """Products (k, q, t) of x (k, n, q, t) with themselves, or with those of the number `one`."""
+    of_one = x if one is None else x[one : one + 1]
+    return np.einsum("kcqt,kcqt->kqt", np.broadcast_to(of_one, x.shape), x)
 
 
 @dataclass(frozen=True)
@@ -216,8 +183,9 @@ def estimate_error(
     return estimate_errors([Deformed(mesh, material, u, heat)])[0]
 
 
-def estimate_errors(bodies: Sequence[Deformed]) -> list[ErrorEstimate]:
-    """Estimate the discretization errors of bodies, of small ones with a common material together. Not collective.
+def estimate_errors(bodies: Sequence[Deformed], keep: bool = False) -> list[ErrorEstimate]:
+    """Estimate the discretization errors of bodies, of small ones with a common material together; `keep` the patches
+    of the others for more recoveries. Not collective.
 
     Energy and error are zero if all strains are rounding. Errors of linear cells that lock are nan: they hardly deform,
     so that their stress jumps little however wrong it is. At interfaces of materials the true stress jumps, and is
@@ -234,7 +202,7 @@ def estimate_errors(bodies: Sequence[Deformed]) -> list[ErrorEstimate]:
     for numbers in kinds.values():
         for first in range(0, len(numbers), TOGETHER):
             some = numbers[first : first + TOGETHER]
-            found |= zip(some, _estimates([bodies[k] for k in some]), strict=True)
+            found |= zip(some, _estimates([bodies[k] for k in some], keep), strict=True)
     return [found[k] for k in range(len(bodies))]
 
 
@@ -251,10 +219,10 @@ def _together(bodies: Sequence[Deformed]) -> Deformed:
     return Deformed(whole, materials[0], np.concatenate(moved), heat)
 
 
-def _estimates(bodies: Sequence[Deformed]) -> Iterator[ErrorEstimate]:
+def _estimates(bodies: Sequence[Deformed], keep: bool) -> Iterator[ErrorEstimate]:
     """The estimates of bodies of one material."""
     mesh, material, u, heat = _together(bodies)
-    squares, energies, stress = _by_cells(mesh, material, u, heat)
+    squares, energies, stress = _by_cells(mesh, material, (u, heat), keep)
     measures = mesh.measures()
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(one.tensor(mesh.dimension).max() for one in materials)
@@ -276,15 +244,14 @@ def _estimates(bodies: Sequence[Deformed]) -> Iterator[ErrorEstimate]:
 
 
 def _by_cells(
-    mesh: Mesh, material: Material | Composite, u: np.ndarray, heat: np.ndarray | None
+    mesh: Mesh, material: Material | Composite, moved: Moved, keep: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Squared errors and squared energy norms (nt,) of the cells, and the recovered stress at the nodes."""
-    moved = [(u, heat)]
-    found = split, _, recovered = _recovered(mesh, material, moved)
-    squares, energies = np.zeros((2, len(mesh.triangles)))
-    for part in differences(mesh, material, moved, found):
-        squares[part.cells] = part.product(0, 0).sum(axis=0)
-        energies[part.cells] = part.energies(0).sum(axis=0)
+    found = split, _, recovered = _recovered(mesh, material, [moved], keep)
+    heat, (squares, energies) = moved[1], np.zeros((2, len(mesh.triangles)))
+    for part in differences(mesh, material, [moved], found):
+        squares[part.cells] = part.products()[0].sum(axis=0)
+        energies[part.cells] = part.energies()[0].sum(axis=0)
         if heat is not None:  # in plane strain σ_zz has energy as well
             at = mesh.cell.rule[0] if part.curved else mesh.cell.samples[0]
             warm = cell_temperature(mesh, heat, at, part.cells)
@@ -304,26 +271,25 @@ def differences(
     all cells. One recovery serves all displacements. `found` is what `_recovered` gives. Not collective."""
     split, sampled, recovered = found or _recovered(mesh, material, moved)
     cell, points, measures = mesh.cell, mesh.cell.rule[0], mesh.measures()
-    shapes = cell.shapes(points)
-    between, places = _between(mesh), sample_places(mesh)
+    shapes, k = cell.shapes(points), len(moved)
+    between, places = _between(mesh), sample_places(mesh.home)
     for cells, uniform, curved in portions(mesh, material):
         computed, weights = between @ sampled[..., cells], uniform.thickness * cell.rule[1]
         share = weights[:, None] * measures[cells]
         if curved:
-            of_all = (
+            of_all = [
                 cell_stress(mesh, uniform, u, points, cells, curved, heat) for u, heat in moved
-            )
-            computed = np.concatenate([components(sigma) for sigma in of_all])
+            ]
+            computed = _rooted(uniform, of_all)
             share = weights[:, None] * mesh.map(cells, points).measures
         # η² = ∫ (σ* − σ_h) : C⁻¹ (σ* − σ_h), with σ* interpolated from the nodes (Zienkiewicz and Zhu).
         off = shapes @ np.take(recovered.nodes, split.triangles[cells].T, axis=1) - computed
         fits = [
             recovered.around(vertex, places[..., cells]) - sampled[..., cells]
-            for vertex in recovered.corners[cells].T
+            for vertex in recovered.vertices.corners[cells].T
         ]
         scattered = np.concatenate(fits if cell.linear else [sampled[:, :0, cells]], axis=1)
-        k, n = len(moved), len(computed) // len(moved)
-        of_each = (x.reshape(k, n, *x.shape[1:]) for x in (computed, off, scattered))
+        of_each = (x.reshape(k, len(x) // k, *x.shape[1:]) for x in (computed, off, scattered))
         yield Difference(cells, uniform, curved, share, *of_each)
 
 
@@ -342,20 +308,37 @@ def nodal_stress(
 ) -> np.ndarray:
     """The recovered stress at the nodes (nv, 4), in space (nv, 6), in Pa, with the columns and arguments of `stress`;
     where materials meet, the mean of theirs. Not collective."""
-    split, _, recovered = _recovered(mesh, material, [(u, heat)])
+    split, _, recovered = _recovered(mesh, material, [(u, heat)], keep=False)
     return _joined(mesh, material, split, recovered.nodes, heat)
 
 
 def _recovered(
-    mesh: Mesh, material: Material | Composite, moved: Sequence[Moved]
+    mesh: Mesh, material: Material | Composite, moved: Sequence[Moved], keep: bool = True
 ) -> tuple[Mesh, np.ndarray, Recovery]:
-    """The mesh with separate nodes for every material, stress (k n, q, nt) of all displacements at the samples, and the
-    recovered one."""
-    split = mesh if isinstance(material, Material) else _apart(mesh, material)
-    samples = mesh.cell.samples[0]
-    stresses = [components(stress_at(mesh, material, u, samples, heat)) for u, heat in moved]
-    sampled = np.concatenate(stresses)
-    return split, sampled, _recover(split, sampled)
+    """The mesh with separate nodes for every material, stresses (k n, q, nt) of all displacements at the samples as
+    those of a `Difference`, and the recovered ones."""
+    split, samples = (
+        mesh if isinstance(material, Material) else material.apart(mesh),
+        mesh.cell.samples[0],
+    )
+    n = len(np.triu_indices(mesh.strains)[0])
+    sampled = np.empty((n * len(moved), len(samples), len(mesh.triangles)))
+    for cells, uniform, curved in portions(mesh, material):
+        of_all = [cell_stress(mesh, uniform, u, samples, cells, curved, heat) for u, heat in moved]
+        sampled[..., cells] = _rooted(uniform, of_all)
+    return split, sampled, patches_of(split, keep).recover(sampled)
+
+
+def _root(material: Material, n: int) -> np.ndarray:
+    """Lᵀ, with L Lᵀ = C⁻¹ of tensors (n, n)."""
+    return np.linalg.cholesky(compliance_of(material, n)).T
+
+
+def _rooted(material: Material, stresses: Sequence[np.ndarray]) -> np.ndarray:
+    """Lᵀ σ (k n, q, t) of k stresses (n, n, q, t) (Pa), one after the other."""
+    root = _root(material, len(stresses[0]))
+    of_each = [np.tensordot(root, components(sigma), 1) for sigma in stresses]
+    return np.concatenate(of_each)
 
 
 def _joined(
@@ -365,144 +348,21 @@ def _joined(
     recovered: np.ndarray,
     heat: np.ndarray | None,
 ) -> np.ndarray:
-    """The columns of `stress` at the nodes of the mesh, from the recovered stress (n, ·) at those of its `split`."""
-    n, columns = mesh.strains, 2 * mesh.dimension
-    tensors = np.empty((n, n, recovered.shape[1]))
-    i, j = np.triu_indices(n)
-    tensors[i, j] = tensors[j, i] = recovered
+    """The columns of `stress` at the nodes of the mesh, from the recovered one (n, ·) at those of its `split`."""
+
+    def of(uniform: Material, values: np.ndarray, warm: np.ndarray | None) -> np.ndarray:
+        n = mesh.strains
+        tensors, (i, j) = np.empty((n, n, values.shape[1])), np.triu_indices(n)
+        tensors[i, j] = tensors[j, i] = np.linalg.solve(_root(uniform, n), values)
+        return columns_of(tensors, uniform, warm)[: 2 * mesh.dimension].T
+
     if isinstance(material, Material):
-        return columns_of(tensors, material, heat)[:columns].T
+        return of(material, recovered, heat)
     node, number = np.empty((2, len(split.points)), int)
     node[split.triangles], number[split.triangles] = mesh.triangles, material.number[:, None]
-    total = np.zeros((len(mesh.points), columns))
+    total = np.zeros((len(mesh.points), 2 * mesh.dimension))
     for k, uniform in enumerate(material.materials):
         at = node[number == k]
-        values = columns_of(tensors[..., number == k], uniform, None if heat is None else heat[at])
-        np.add.at(total, at, values[:columns].T)
+        values = of(uniform, recovered[:, number == k], None if heat is None else heat[at])
+        np.add.at(total, at, values)
     return total / np.bincount(node, minlength=len(total))[:, None]
-
-
-def _apart(mesh: Mesh, material: Composite) -> Mesh:
-    """The mesh with separate nodes for every material, so that no patch reaches from one into another."""
-    size = len(material.materials)
-    keys, cells = np.unique(mesh.triangles * size + material.number[:, None], return_inverse=True)
-    return replace(
-        mesh, points=mesh.points[keys // size], triangles=cells.reshape(mesh.triangles.shape)
-    )
-
-
-def sample_places(mesh: Mesh) -> np.ndarray:
-    """The places (d, q, nt) of the samples of all cells (m)."""
-    samples = mesh.cell.samples[0]
-    places = samples @ np.take(mesh.points.T, mesh.corners.T, axis=1)
-    for bent in mesh.summed_blocks():
-        places[..., bent] = mesh.map(bent, samples).places.transpose(2, 0, 1)
-    return places
-
-
-def _recover(mesh: Mesh, sampled: np.ndarray) -> Recovery:
-    """The recovered stress from that (n, q, nt) at the samples, in Pa: polynomials around the vertices, fitted or, at
-    the boundary, `_borrowed`; at middle nodes the mean of those of both corners."""
-    order, places = mesh.order, sample_places(mesh)
-    vertices, corners = np.unique(mesh.corners, return_inverse=True)
-    corners, at = corners.reshape(mesh.corners.shape), mesh.points[vertices]
-    # Coordinates relative to the vertex, over the size of its cells, keep the normal equations well conditioned.
-    reach = np.zeros(len(at))
-    for block in blocks(len(corners)):
-        np.maximum.at(
-            reach,
-            corners[block],
-            np.linalg.norm(np.ptp(at[corners[block]], axis=1), axis=1)[:, None],
-        )
-    outer = np.searchsorted(vertices, np.unique(mesh.boundary[0][:, : mesh.cell.facet.corners]))
-    cells = np.repeat(np.arange(len(corners)), corners.shape[1])
-    around = sparse.csr_matrix((np.ones(corners.size), (corners.ravel(), cells)))  # (m, nt)
-    # At the boundary cells count as often as they are around the vertex or one beside it.
-    at_boundary = np.zeros(len(at))
-    at_boundary[outer] = 1.0
-    beside = sparse.diags(at_boundary) @ around @ around.T > 0.0
-    patches = sparse.csr_matrix(around + beside.astype(float) @ around)
-    fits = np.empty((comb(mesh.dimension + order, order), len(sampled), len(at)))
-    ends = np.arange(0, patches.nnz + STRAIGHT_BLOCK, STRAIGHT_BLOCK)
-    ends = np.unique(np.searchsorted(patches.indptr, ends).clip(max=len(at)))
-    for first, last in itertools.pairwise(ends):
-        some = patches[first:last]
-        vertex = first + np.repeat(np.arange(last - first), np.diff(some.indptr))
-        p = _monomials((places[..., some.indices] - at[vertex].T[:, None]) / reach[vertex], order)
-        fits[..., first:last] = _fits(p, sampled[..., some.indices], some, mesh.dimension + 1)
-    found = Recovery(np.zeros((len(sampled), len(mesh.points))), fits, corners, at, reach, order)
-    _borrow(found, around, outer, CELLS[mesh.dimension, order].nodes[:, 1:])
-    found.nodes[:, vertices] = fits[0]
-    for node, between in zip(mesh.triangles.T[mesh.cell.corners :], mesh.cell.between, strict=True):
-        for block in blocks(len(node)):
-            found.nodes[:, node[block]] = (
-                sum(
-                    found.around(corner, mesh.points[node[block]].T)
-                    for corner in corners[block].T[between]
-                )
-                / order
-            )
-    return found
-
-
-def _borrow(
-    found: Recovery, around: sparse.csr_matrix, lonely: np.ndarray, points: np.ndarray
-) -> None:
-    """Give `lonely` vertices (k,) the mean of the polynomials of the others that share cells `around` them (m, nt).
-
-    With few cells, all on one side, a fit follows their errors. First those beside others borrow, then those beside
-    these, as at corners of one cell. Where there are none, as in walls of one element, fits stay. A polynomial is known
-    by its values at as many `points` (·, d) as it has terms.
-    """
-    inverse = np.linalg.inv(_monomials(points.T, found.order).T)
-    others = np.ones(len(found.at))
-    others[lonely] = 0.0
-    for _ in range(EDGES):
-        lenders = sparse.csr_matrix(around[lonely] @ around.T @ sparse.diags(others))
-        lenders.eliminate_zeros()
-        some = np.flatnonzero(np.diff(lenders.indptr))
-        for block in blocks(len(some)):
-            borrower, lender = lonely[some[block]], lenders[some[block]]
-            counts = np.diff(lender.indptr)
-            to = np.repeat(borrower, counts)
-            places = found.at[to].T[:, None] + found.reach[to] * points.T[:, :, None]
-            values = found.around(lender.indices, places)
-            means = np.add.reduceat(values, lender.indptr[:-1], axis=-1) / counts
-            found.fits[..., borrower] = np.einsum("kq,nqj->knj", inverse, means)
-        others[lonely[some]] = 1.0
-        lonely = np.delete(lonely, some)
-
-
-def _fits(p: np.ndarray, sampled: np.ndarray, patches: sparse.csr_matrix, first: int) -> np.ndarray:
-    """Polynomials (k, n, j) fitted to the samples (n, q, i) of the i cells in the rows of `patches`
-    (j, nt), with monomials p (k, q, i). With too few samples they are linear, with `first` terms,
-    or their mean."""
-    k, n, starts = len(p), len(sampled), patches.indptr[:-1]
-    M, right = np.empty((len(starts), k, k)), np.empty((len(starts), k, n))
-    for a, weighted in enumerate(patches.data * p):
-        for b in range(a, k):
-            M[:, a, b] = M[:, b, a] = np.add.reduceat((weighted * p[b]).sum(axis=0), starts)
-        right[:, a] = np.add.reduceat((weighted * sampled).sum(axis=1), starts, axis=1).T
-    fit, left = np.zeros_like(right), np.arange(len(starts))
-    for terms in (k, first, 1):
-        solvable = left[_well_posed(M[left, :terms, :terms])]
-        fit[solvable, :terms] = np.linalg.solve(
-            M[solvable, :terms, :terms], right[solvable, :terms]
-        )
-        left = np.setdiff1d(left, solvable)
-    return fit.transpose(1, 2, 0)
-
-
-def _well_posed(M: np.ndarray) -> np.ndarray:
-    """Whether there are enough samples around a vertex (j,) for its normal equations (j, k, k)."""
-    return np.linalg.eigvalsh(M)[:, 0] > SOLVABLE * M[:, 0, 0]
-
-
-def _monomials(x: np.ndarray, order: int) -> np.ndarray:
-    """All monomials (k, …) up to the order at the points x (d, …)."""
-    factors = (
-        chosen for k in range(order) for chosen in itertools.combinations_with_replacement(x, k + 1)
-    )
-    return np.stack(
-        [np.ones_like(x[0]), *(functools.reduce(np.multiply, chosen) for chosen in factors)]
-    )

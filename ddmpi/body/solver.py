@@ -182,6 +182,12 @@ class StiffnessSolver:
             f"{kind} ({pc.getFactorSolverType()})" if pc.getType() in ("cholesky", "lu") else kind
         )
 
+    def at_once(self, loads: np.ndarray) -> np.ndarray | None:
+        """A⁻¹ f (k, n) of several loads (k, n), where this rank alone has factors that solve for all of them together."""
+        if self._factors is None or self.A.comm.size > 1 or self._first:
+            return None
+        return self._by(self._factors, loads)
+
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f. Collective. Raises SolverError when the true residual is too large.
 
@@ -261,13 +267,17 @@ class StiffnessSolver:
         comm, counts = self.A.comm.tompi4py(), np.diff(self.A.getOwnershipRanges())
         whole = np.empty(self.A.size[0]) if comm.rank == 0 else None
         comm.Gatherv(f.array_r, None if whole is None else [whole, counts])
-        try:
-            moved = factors.solve(whole)
-        except MumpsError as error:
-            raise SolverError(f"body {self.name!r}: {self.description} failed: {error}") from None
+        moved = self._by(factors, whole)
         local = np.empty(u.local_size)
         comm.Scatterv(None if moved is None else [moved, counts], local)
         u.array[:] = local
+
+    def _by(self, factors: Factors, loads: np.ndarray | None) -> np.ndarray | None:
+        """A⁻¹ f by factors. Raises SolverError."""
+        try:
+            return factors.solve(loads)
+        except MumpsError as error:
+            raise SolverError(f"body {self.name!r}: {self.description} failed: {error}") from None
 
     def destroy(self) -> None:
         """Free the objects of PETSc and MUMPS."""

@@ -5,6 +5,7 @@ Components of tensors come first: (d, d, q, t) at q points of t cells.
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -31,6 +32,22 @@ class Composite:
 
     materials: Sequence[Material]
     number: np.ndarray
+
+    def apart(self, mesh: Mesh) -> Mesh:
+        """The mesh of the body, at home, with separate nodes for every material, made once. Not collective."""
+        home, split = vars(self).get("_apart", (None, None))
+        if home is not mesh.home:
+            home, size = mesh.home, len(self.materials)
+            keys, cells = np.unique(
+                home.triangles * size + self.number[:, None], return_inverse=True
+            )
+            split = dataclasses.replace(
+                home,
+                points=home.points[keys // size],
+                triangles=cells.reshape(home.triangles.shape),
+            )
+            vars(self)["_apart"] = home, split
+        return split
 
 
 def material_of(mesh: Mesh, body: BodySpec) -> Material | Composite:
@@ -335,17 +352,10 @@ def components(sigma: np.ndarray) -> np.ndarray:
     return sigma[np.triu_indices(len(sigma))]
 
 
-def energy_density(
-    material: Material, sigma: np.ndarray, other: np.ndarray | None = None
-) -> np.ndarray:
-    """σ : C⁻¹ : τ (…) in J/m³ of stresses (n, …) in Pa, which are `components`; without an `other`, τ is σ."""
-    dimension = int(np.sqrt(2 * len(sigma)))
+def compliance_of(material: Material, dimension: int) -> np.ndarray:
+    """C⁻¹ (n, n) of σ : C⁻¹ : τ by the `components` of tensors of this dimension (1/Pa)."""
     i, j = np.triu_indices(dimension)
-    compliance = np.linalg.inv(
-        material.tensor(dimension)[i, j][:, i, j]
-    )  # by strains ε_ii and 2 ε_ij
-    one, two = (each.reshape(len(sigma), -1) for each in (sigma, sigma if other is None else other))
-    return np.einsum("ck,ck->k", one, compliance @ two).reshape(sigma.shape[1:])
+    return np.linalg.inv(material.tensor(dimension)[i, j][:, i, j])  # by strains ε_ii and 2 ε_ij
 
 
 def blocks(number: int) -> list[slice]:

@@ -275,6 +275,28 @@ class Member(Sides):
         work[0] += np.array([self.response(name)[1] @ alpha for name in self.body.histories])
         return self.h + self.G.T @ alpha - yielded, yielded, energy, work
 
+    def displacements(
+        self,
+        cases: Sequence[LoadCase],
+        s: Sequence[np.ndarray],
+        alpha: Sequence[np.ndarray],
+        purpose: str,
+        relative: float,
+    ) -> list[np.ndarray]:
+        """Displacements (nv, d) in metres under k load cases alone, which prescribe what this one does, with contact
+        forces (size,) and motions (j,) of each; the rest as of `displacement`. Collective on the body's communicator.
+        Raises SolverError."""
+        f, u = self.elasticity.A.createVecs()
+        loads = np.empty((len(cases), f.local_size))
+        for load, case, forces in zip(loads, cases, s, strict=True):
+            f.array[:] = case.b - self.C.B.T @ forces
+            load[:] = self.body.balanced(f).array_r
+        found = []
+        for one, motion in zip(self.C.solve_all(loads, purpose, relative), alpha, strict=True):
+            u.array[:] = self.body.centring.centre(one) if self.body.centring else one
+            found.append(self.elasticity.expand(u) + self.motions @ motion)
+        return found
+
     def displacement(
         self,
         s: np.ndarray,

@@ -329,6 +329,9 @@ class TeamSolver:
         self.direct, self.given, self.description = solver.direct, solver.given, solver.description
         self.condensed, self.refused = solver.condensed, solver.refused
 
+    def at_once(self, loads: np.ndarray) -> None:
+        """The ranks solve for one load after the other."""
+
     def solve(self, f: PETSc.Vec, u: PETSc.Vec, relative: float = 0.0) -> None:
         """u ← A⁻¹ f, see `StiffnessSolver.solve`. Raises SolverError where other factors have replaced these."""
         if not self._team.holds(self._solver):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from ddmpi.body.elasticity import LoadCase
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.entries import CLEAR, ENOUGH
 from ddmpi.derive.parameters import loaded
@@ -27,8 +29,7 @@ class Adjoint(NamedTuple):
     w, q : (size,) the work of forces on changes of gaps ρ, and what forces γ beyond the law add
     beta : (rigid.size,) motions
     by_forces, along : (size,) and (rigid.size,) the derivatives of the result by contact forces and by motions
-    fields : by body of this rank the displacements (nv, d) under these and the loads of the result
-    moved : by body Bᵀ w (nv, d), with the loads of the result
+    loads : by body of this rank the loads of the result
     """
 
     w: np.ndarray
@@ -36,8 +37,7 @@ class Adjoint(NamedTuple):
     beta: np.ndarray
     by_forces: np.ndarray
     along: np.ndarray
-    fields: dict[str, np.ndarray]
-    moved: dict[str, np.ndarray]
+    loads: dict[str, LoadCase]
 
 
 def solve_adjoint(
@@ -72,17 +72,32 @@ def solve_adjoint(
         raise SolverError(f"{about}: GMRES does not solve the equations to {ENOUGH:.0e}")
     w = z + wanted.moves
     q = j - (joint.product(z, PURPOSE, aim) if space.any(z) else 0.0) - joint.rigid.spread(beta)
-    fields, moved = dict[str, np.ndarray](), dict[str, np.ndarray]()
-    parts = joint.exchange.spread(w)
+    return Adjoint(w, q, beta, wanted.forces, a, cases)
+
+
+Moved = dict[str, np.ndarray]
+"""By body of this rank, (nv, d)."""
+
+
+def displaced(
+    assembly: Assembly, adjoints: Sequence[Adjoint], aim: float = AIM
+) -> list[tuple[Moved, Moved]]:
+    """Of each adjoint the displacements under its forces, motions and loads, and Bᵀ w with these loads. Collective."""
+    joint = assembly.joint
+    parts = [joint.exchange.spread(adjoint.w) for adjoint in adjoints]
+    found: list[tuple[Moved, Moved]] = [({}, {}) for _ in adjoints]
     with agreed(assembly.world):
-        for body, of_body in zip(assembly.bodies, parts, strict=True):
-            name = body.spec.name
-            member = body.member.loaded_by(cases[name])
-            fields[name], *_ = member.displacement(
-                -of_body, beta[joint.slices[name]], PURPOSE, relative=aim
-            )
-            moved[name] = cases[name].f - member.pull(of_body)
-    return Adjoint(w, q, beta, wanted.forces, a, fields, moved)
+        for k, body in enumerate(assembly.bodies if adjoints else ()):
+            name, forces = body.spec.name, [of_bodies[k] for of_bodies in parts]
+            cases = [adjoint.loads[name] for adjoint in adjoints]
+            motions = [adjoint.beta[joint.slices[name]] for adjoint in adjoints]
+            member = body.member.loaded_by(cases[0])
+            fields = member.displacements(cases, [-w for w in forces], motions, PURPOSE, aim)
+            for (of_fields, moved), field, case, w in zip(
+                found, fields, cases, forces, strict=True
+            ):
+                of_fields[name], moved[name] = field, case.f - member.pull(w)
+    return found
 
 
 def _refuse_vague(equations: Linearisation, j: np.ndarray, about: str) -> None:

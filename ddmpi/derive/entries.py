@@ -17,7 +17,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.methods.linear import PURPOSE
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed, gathered
-from ddmpi.system.numbers import moment
+from ddmpi.system.numbers import moments
 
 ENOUGH = 1e-6
 """Largest relative residual of derivatives that are told."""
@@ -165,12 +165,7 @@ def measures(state: ContactState) -> dict[str, np.ndarray]:
         tangential *= along @ direction(state.along(state.tangential_force).sum(axis=0)[None])[0]
     return {
         "force": -along.T,
-        "moment": np.array(
-            [
-                moment(place[None], -way[None], interface.axisymmetric)
-                for place, way in zip(at, along, strict=True)
-            ]
-        ).T,
+        "moment": moments(at, -along, interface.axisymmetric).T,
         "normal_force": normal,
         "tangential_force": tangential,
         "pressure_max": pressure,

@@ -10,7 +10,7 @@ from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.loads import values_at
 from ddmpi.body.stress import stress, thickness_of, von_mises
 from ddmpi.coupling.assembly import Assembly, Body
-from ddmpi.derive.adjoint import Adjoint, VagueError, solve_adjoint
+from ddmpi.derive.adjoint import Adjoint, VagueError, displaced, solve_adjoint
 from ddmpi.derive.chain import Answered
 from ddmpi.derive.entries import CLEAR
 from ddmpi.derive.results import functional
@@ -101,7 +101,9 @@ def _together(
             continue
         adjoints[result] = adjoint
     some = {result: wanted[result] for result in adjoints}
-    own, cells = _of_bodies(assembly, answer, some, adjoints, forces)
+    fields = displaced(assembly, [*adjoints.values()], aim)
+    duals = {result: z for result, (z, _) in zip(adjoints, fields, strict=True)}
+    own, cells = _of_bodies(assembly, answer, some, duals, forces)
     s = equations.point.s
     sums = [
         [
@@ -126,10 +128,11 @@ def _of_bodies(
     assembly: Assembly,
     answer: Answered,
     wanted: Mapping[str, Named],
-    adjoints: Mapping[str, Adjoint],
+    duals: Mapping[str, Mapping[str, np.ndarray]],
     forces: Mapping[str, np.ndarray],
 ) -> tuple[np.ndarray, list[dict[str, np.ndarray]]]:
-    """The first six of SUMS (k, 6) of k results over the bodies of this rank, and by body their cells. Collective."""
+    """The first six of SUMS (k, 6) of k results over the bodies of this rank, and by body their cells, from their
+    displacements by body. Collective."""
     sums, cells = np.zeros((len(wanted), 6)), [dict[str, np.ndarray]() for _ in wanted]
     with agreed(assembly.world):
         for body in assembly.bodies if wanted else ():
@@ -138,7 +141,7 @@ def _of_bodies(
                 body.mesh,
                 body.material,
                 (answer.displacements[name], body.member.elasticity.acting.heated),
-                [_dual(one, name, adjoints[result].fields[name]) for result, one in wanted.items()],
+                [_dual(one, name, duals[result][name]) for result, one in wanted.items()],
                 straight_sides(body.mesh, thickness_of(body.mesh, body.spec)),
                 forces[name],
                 body.member.elasticity.acting.f,

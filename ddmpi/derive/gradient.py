@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.coupling.assembly import Assembly
-from ddmpi.derive.adjoint import solve_adjoint
+from ddmpi.derive.adjoint import displaced, solve_adjoint
 from ddmpi.derive.chain import Answered
 from ddmpi.derive.entries import CLEAR, Entry
 from ddmpi.derive.parameters import Parameter, parameter
@@ -40,7 +40,7 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
     wanted = functional(assembly, answer.states, answer.displacements, given)
     equations = outer.linearisation()
     adjoint = solve_adjoint(assembly, equations, wanted, f"gradient({result!r})")
-    w, q, fields, moved = adjoint.w, adjoint.q, adjoint.fields, adjoint.moved
+    w, q, ((fields, moved),) = adjoint.w, adjoint.q, displaced(assembly, [adjoint])
     barred, _ = equations.unseen(transposed=True)
     hindered = _hindered(assembly, barred)
     found, known = list[float](), list[str]()

@@ -20,7 +20,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.body.estimate import Moved, differences, relative_error
-from ddmpi.body.stress import Composite, energy_density
+from ddmpi.body.stress import Composite
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ActiveSet
 from ddmpi.interface.state import ContactState
@@ -217,22 +217,28 @@ def parts_of(
         for dual in duals
     ]
     k, number = len(duals), int(mesh.corners.max()) + 1
+    half = 0.5 * np.array([dual.energy for dual in duals])[:, None, None]
     cells, density = np.zeros((2, k, len(mesh.triangles)))
     stars, squares, hats = np.zeros((k, number)), np.zeros((k, 3)), mesh.cell.rule[0].T
     for part in differences(mesh, material, [moved, *of_duals]):
-        own, corners = part.product(0, 0), mesh.corners[part.cells].T
-        for one, dual in enumerate(duals):
-            half = 0.5 * dual.energy
-            product = part.product(0, one + 1)
-            squared = part.product(one + 1, one + 1) + half * (2.0 * product + half * own)
-            product = product + half * own
-            cells[one, part.cells] = product.sum(axis=0)
-            squares[one] += own.sum(), squared.sum(), part.energies(one + 1).sum()
-            for corner, share in zip(corners, hats @ product, strict=True):
-                stars[one] += np.bincount(corner, share, number)
-            sigma, tau = part.computed[0], part.computed[one + 1] + half * part.computed[0]
-            work = part.share * energy_density(part.material, sigma, tau)
-            density[one, part.cells] = work.sum(axis=0) / part.share.sum(axis=0)
+        mixed, alone, corners = part.products(0), part.products(), mesh.corners[part.cells].T
+        own, product, squared = mixed[0], mixed[1:], alone[1:]
+        squared = squared + half * (2.0 * product + half * own)
+        product = product + half * own
+        cells[:, part.cells] = product.sum(axis=1)
+        squares += np.column_stack(
+            [
+                np.full(k, own.sum()),
+                squared.sum(axis=(1, 2)),
+                part.energies()[1:].sum(axis=(1, 2)),
+            ]
+        )
+        for star, shares in zip(stars, hats @ product, strict=True):
+            star += np.bincount(corners.ravel(), shares.ravel(), number)
+        if sides.volume.any():
+            sigma, tau = part.computed[0], part.computed[1:] + half[..., None] * part.computed[0]
+            work = part.share * (sigma * tau).sum(axis=1)
+            density[:, part.cells] = work.sum(axis=1) / part.share.sum(axis=0)
     facets, beside = mesh.boundary
     by_loads = [dual.z - dual.taken for dual in duals]
     pushed = [(force * z[facets].mean(axis=1)).sum(axis=1) for z in by_loads]

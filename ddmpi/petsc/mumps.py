@@ -172,12 +172,14 @@ class Factors:
         return self._known()
 
     def solve(self, f: np.ndarray | None) -> np.ndarray | None:
-        """A⁻¹ f (n,), both on the first rank; None elsewhere."""
-        # the end of it is ignored
-        work = np.zeros(0) if f is None else np.concatenate([f, np.zeros(self._size)])
-        self._data.rhs, self._data.nrhs, self._data.lrhs = work.ctypes.data, 1, len(work)
+        """A⁻¹ f (n,), both on the first rank; None elsewhere. There also of several loads (k, n)."""
+        # the end of each is ignored
+        loads = np.zeros((1, 0)) if f is None else np.atleast_2d(f)
+        work = np.pad(loads, ((0, 0), (0, self._size if loads.size else 0)))
+        self._data.nrhs, self._data.lrhs = work.shape
+        self._data.rhs = work.ctypes.data
         self._do(3)
-        return None if f is None else work[: len(f)]
+        return None if f is None else work[:, : loads.shape[1]].reshape(f.shape)
 
     def destroy(self) -> None:
         """Free MUMPS's memory, once."""

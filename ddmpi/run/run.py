@@ -377,7 +377,8 @@ def _estimate(assembly: Assembly, solution: Solution, clock: Clock) -> Discretiz
                     body.member.elasticity.acting.heated,
                 )
                 for body in assembly.bodies
-            ]
+            ],
+            keep=bool(assembly.scene.output.errors),
         )
         errors = dict(zip(names, found, strict=True))
         numbers = {name: (error.total, error.energy, error.area) for name, error in errors.items()}

@@ -38,10 +38,13 @@ def norm(x: np.ndarray) -> float:
 
 def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """The moment about the origin, () or (3,), of forces (m, d) at places (m, d); around an axis they have none."""
+    return np.ascontiguousarray(moments(at, forces, axisymmetric).T).sum(axis=-1)
+
+
+def moments(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
+    """The `moment`, (m,) or (m, 3), of each force."""
     at = at * (not axisymmetric)
-    if at.shape[1] == 2:
-        return ((at @ QUARTER) * forces).sum(axis=1).sum()
-    return np.ascontiguousarray(np.cross(at, forces).T).sum(axis=1)
+    return ((at @ QUARTER) * forces).sum(axis=1) if at.shape[1] == 2 else np.cross(at, forces)
 
 
 def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:

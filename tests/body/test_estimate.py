@@ -11,19 +11,20 @@ from scipy.sparse.linalg import spsolve
 from ddmpi.body.estimate import (
     Deformed,
     ErrorEstimate,
-    _recover,
     estimate_error,
     estimate_errors,
     nodal_stress,
     relative_error,
     sum_errors,
 )
-from ddmpi.body.stress import Composite, components, energy_density, stress, stress_at
+from ddmpi.body.recovery import patches_of
+from ddmpi.body.stress import Composite, components, stress, stress_at
 from ddmpi.mesh.elements import CELLS, CUTS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_annulus, generate_rectangle
 from ddmpi.scene.bodies import Material, MeshSpec
+from meshes import energy_density
 
 STEEL = Material(young=2e11, poisson=0.3)
 ORDERS = pytest.mark.parametrize("order", [1, 2])
@@ -448,6 +449,23 @@ def test_stress_at_nodes_between_materials_is_the_mean_of_theirs():
         )
 
 
+@pytest.mark.parametrize("several", [False, True])
+@ORDERS
+def test_a_body_errs_as_its_shift(order, several):
+    """Also of two materials. What is known of a mesh is found once for all its shifts."""
+    mesh = rectangle(4, order, distorted=True)
+    u = 1e-3 * np.sin(3.0 * mesh.points)
+    number = (mesh.points[mesh.corners].mean(axis=1)[:, 0] > 1.0).astype(int)
+    soft = Material(young=7e10, poisson=0.3)
+    errors, stresses = [], []
+    for shift in ([50.0, -20.0], [0.0, 0.0]):
+        material = Composite([STEEL, soft], number) if several else STEEL
+        errors.append(estimate_error(mesh.shifted(shift), material, u).squares)
+        stresses.append(nodal_stress(mesh.shifted(shift), material, u))
+    assert errors[0] == pytest.approx(errors[1], rel=1e-9)
+    assert stresses[0] == pytest.approx(stresses[1], abs=1e-9 * stresses[1].max())
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_stress_is_recovered_from_the_cells_around_a_vertex(order):
     """Within a body from no others: a stress in one cell is seen at its own nodes, and at those at the boundary beside."""
@@ -460,7 +478,7 @@ def test_a_stress_is_recovered_from_the_cells_around_a_vertex(order):
     cell = int(np.flatnonzero(inside[mesh.corners].all(axis=1))[0])
     sampled = np.zeros((1, len(mesh.cell.samples[0]), len(mesh.triangles)))
     sampled[..., cell] = 7.0
-    seen = np.abs(_recover(mesh, sampled).nodes[0]) > 1e-9
+    seen = np.abs(patches_of(mesh).recover(sampled).nodes[0]) > 1e-9
     vertices = np.unique(mesh.corners)
     assert {*vertices[seen[vertices] & inside[vertices]]} == {*mesh.corners[cell]}
 
@@ -471,4 +489,6 @@ def test_a_wall_of_one_element_recovers_what_is_even(order):
     spec = MeshSpec(shape="rectangle", size=(1.3, 0.2), divisions=(6, 1))
     mesh = raise_order(generate_rectangle(spec), "", order)
     sampled = np.full((1, len(mesh.cell.samples[0]), len(mesh.triangles)), 7.0)
-    assert _recover(mesh, sampled).nodes == pytest.approx(np.full((1, len(mesh.points)), 7.0))
+    assert patches_of(mesh).recover(sampled).nodes == pytest.approx(
+        np.full((1, len(mesh.points)), 7.0)
+    )

@@ -10,7 +10,6 @@ from ddmpi.body.estimate import estimate_error
 from ddmpi.body.stress import (
     Composite,
     components,
-    energy_density,
     moduli_along,
     modulus_beside,
     stress,
@@ -19,6 +18,7 @@ from ddmpi.body.stress import (
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, Traction
+from meshes import energy_density
 
 E, NU, G, ALPHA = (1.4e11, 1.0e10, 2.0e10), (0.3, 0.25, 0.4), (5.0e9, 7.0e9, 3.0e9), 1.2e-5
 """A carbon laminate, more or less; all three axes differ."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
+from ddmpi.body.stress import compliance_of
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh
@@ -69,3 +70,9 @@ def longest(mesh: Mesh) -> float:
     """The longest edge."""
     ends = mesh.points[mesh.triangles[:, mesh.cell.edges[:, :2]]]
     return float(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).max())
+
+
+def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:
+    """σ : C⁻¹ : σ (…) in J/m³ of stresses (n, …) in Pa, which are `components`."""
+    compliance = compliance_of(material, int(np.sqrt(2 * len(sigma))))
+    return np.einsum("c...,ce,e...->...", sigma, compliance, sigma)
