@@ -56,6 +56,7 @@ HEADINGS = {
     "Gap": "gap",
     "Closure": "softness",
     "Pretension": "pretension",
+    "Image": "image",
     "Plane": "[[rigid]]: a plane",
     "Circle": "[[rigid]]: a circle",
     "Sphere": "[[rigid]]: a sphere",

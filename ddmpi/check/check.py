@@ -29,7 +29,7 @@ from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
 from ddmpi.run.gather import drawers
 from ddmpi.run.held import beyond_meshes, motions_to_hold
-from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, some
+from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, sector_in_words, some
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Rigid, SettledContact, both_sides
@@ -290,6 +290,8 @@ def _page(
     yield f"lengths in {unit['length']}, forces in {unit['force']}, moments about the origin in {unit['moment']}"
     for words, names in grouped(("\n    ".join(body.words), name) for name, body in bodies.items()):
         yield f"body {some(names, 'bodies')}: {words}"
+    if scene.wheel:
+        yield sector_in_words(scene.wheel)
     for rigid in scene.rigid:
         yield from (f"rigid {rigid.name}: {words}" for words in _describe_rigid(rigid))
     contacts = [
@@ -327,6 +329,7 @@ def _describe_contact(
 ) -> Iterator[str]:
     """The sides, pairing, law and gap of a contact, one of `count`, and its pretension, in words."""
     sides = " and ".join(".".join(side) for side in zip(contact.bodies, contact.on, strict=False))
+    sides += f", {contact.image.words}" if contact.image else ""
     pairing = f"mortar, slave {interface.slave}" if interface.slave else "paired"
     yield (
         f"{sides}: " * (count <= LISTED) + f"{interface.m} nodes, {pairing}, law "

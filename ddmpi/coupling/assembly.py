@@ -417,6 +417,7 @@ def _join(
     the turning points of loads, and by history. Raises InputError."""
     (one, other), clamps = sides, {body.name: [*body.clamps, ON_AXIS] for body in specs}
     unit, (first, second) = scene.units["length"], _there(sides)
+    second = second and _seen(second, contact)
     if other is None or second is None:
         (rigid,) = (rigid for rigid in scene.rigid if rigid.name == contact.bodies[1])
         make, partner = partial(face_rigid, first, rigid, contact), Mover(rigid)
@@ -462,7 +463,8 @@ def _join(
             "stresses in the bodies grow without limit there as meshes get finer"
         ]
     )
-    return interface, idle + bare + overlaps + uncovered_profile(interface, contact)
+    warnings = idle + bare + overlaps + uncovered_profile(interface, contact)
+    return _imaged(interface, contact), warnings
 
 
 def _refuse_stresses(interface: Interface) -> None:
@@ -497,20 +499,21 @@ def _connected(
     slave = dict(zip(contact.roles, PAIR, strict=True)).get(contact.slave or "")
     bodies = ("", "") if contact.itself else PAIR
     alike = msgspec.structs.replace(contact, name="", bodies=bodies, slave=slave)
-    # a gap that varies is that of the place
+    # a gap that varies is that of the place, and so is an image
     anywhere = contact.opening[0] is None or isinstance(contact.opening[0], float)
+    anywhere &= not contact.image
     start = one.shift if anywhere else np.zeros_like(one.shift)
     shifts = [located.shift - start for located in (one, other)]
 
     def make() -> Interface:
         first, second = map(Side.shifted, (one.side, other.side), shifts, PAIR)
-        return connect(first, second, alike, refinement)
+        return connect(first, _seen(second, contact), alike, refinement)
 
     depends = (one.key, other.key, shifts, refinement, _bare(alike))
     try:
         found = kept.get("pair", contact.name, depends, make)
     except InputError:
-        connect(one.there, other.there, contact, refinement)  # which says where
+        _connect_there(contact, one.there, other.there, refinement)  # which says where
         raise
     slave = dict(zip(PAIR, contact.roles, strict=True)).get(found.slave or "")
 
@@ -520,6 +523,33 @@ def _connected(
 
     where = kept.key("pair", contact.name), contact.bodies, start
     return kept.get("rows", contact.name, where, place)
+
+
+def _seen(second: Side, contact: SettledContact) -> Side:
+    """The second side of a contact where its first one faces it: an image where that is."""
+    return second.placed(contact.image.frame(1.0, second.dimension)) if contact.image else second
+
+
+def _imaged(interface: Interface, contact: SettledContact) -> Interface:
+    """The interface of sides of which the second is an image, if it is one."""
+    image = contact.image
+    return interface.imaged(image.frame(1.0, interface.dimension)) if image else interface
+
+
+def _connect_there(
+    contact: SettledContact, first: Side, second: Side, refinement: int
+) -> Interface:
+    """The interface of two sides where they are. Raises InputError, which names an image."""
+    try:
+        return connect(first, _seen(second, contact), contact, refinement)
+    except InputError as error:
+        if not contact.image:
+            raise
+        said = str(error).removeprefix(f"contact.{contact.name}: ")
+        raise InputError(
+            f"contact.{contact.name}.image: {contact.bodies[1]}.{contact.on[1]}, {contact.image.words}, does not fit "
+            f"{contact.bodies[0]}.{contact.on[0]}; a turn the other way is negative ({said})"
+        ) from None
 
 
 def _check_method(share: Share, interfaces: Sequence[Interface]) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.elasticity import Elasticity, assemble
+from ddmpi.body.loads import values_at
 from ddmpi.body.stress import material_of, modulus_beside
 from ddmpi.coupling.exchange import Ends, Exchange
 from ddmpi.coupling.ranks import homes_of
@@ -22,12 +23,13 @@ from ddmpi.mesh.mesh import MEASURE, Mesh, signed_measures
 from ddmpi.mesh.refine import Sizes
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import SettledContact
+from ddmpi.scene.motions import Image
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.boundary import contact_side
 from ddmpi.surface.seams import find_seam
 from ddmpi.surface.side import Located, Side
 from ddmpi.system import interrupt
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import SAME, in_words
 
 
 @dataclass
@@ -86,7 +88,29 @@ def mesh_bodies(share: Share, folder: Path, sizes: Mapping[str, Sizes]) -> None:
                 part.mesh.facets(contact.on[side])
                 if contact.itself and side:
                     _refuse_common(part.mesh, contact.on)
+        for contact in share.scene.contact:
+            if contact.image:
+                _refuse_unlike(part, contact.name, contact.image)
         interrupt.check()
+
+
+def _refuse_unlike(part: Part, contact: str, image: Image) -> None:
+    """Raise InputError for a volume force that an image would not have. Not collective."""
+    mesh, key = part.mesh, f"body.{part.spec.name}.volume_force"
+    frame = image.frame(1.0, mesh.dimension)
+
+    def force(points: np.ndarray) -> np.ndarray:
+        values = values_at(part.spec.weight[0], points, key)
+        return np.column_stack([np.broadcast_to(value, len(points)) for value in values])
+
+    here = force(mesh.points)
+    off = np.linalg.norm(force(frame.at(mesh.points)) - frame.along(here), axis=1)
+    if off.max() > SAME * np.abs(here).max():
+        raise InputError(
+            f"{key}: is not alike in the image of contact.{contact}, {image.words}, as at "
+            f"{in_words(mesh.points[off.argmax()])}; draw the whole, or give a force that turns or repeats with it, as "
+            "the centrifugal one does"
+        )
 
 
 def _refuse_common(mesh: Mesh, on: Sequence[str]) -> None:
@@ -207,7 +231,7 @@ def _side(part: Part, contact: SettledContact, side: int, kept: Kept) -> Located
 
     # a node of both sides, as at the tip of a crack, is held by the body itself
     shared = np.zeros(len(mesh.points), bool)
-    if contact.itself:
+    if contact.itself and not contact.image:
         one, other = (mesh.facets(on).nodes for on in contact.on)
         shared[np.intersect1d(one, other)] = True
 

@@ -21,7 +21,7 @@ from ddmpi.mesh.elements import circumference
 from ddmpi.scene.contacts import PAIR, Closure
 from ddmpi.surface.outline import Outline
 from ddmpi.surface.side import Side
-from ddmpi.system.numbers import ALIKE, RigidMotion
+from ddmpi.system.numbers import ALIKE, Frame, RigidMotion
 
 LARGE_OVERLAP = 0.02
 """Warn of an initial overlap above this fraction of the thinner body's depth."""
@@ -42,6 +42,7 @@ class Places:
     transfer : of both sides (k, j), sparse: displacements of the places from those of the side's nodes
     stays : (k,) the fraction of an initial overlap that clamps preserve, which is no error of the answer
     beyond : how many of the last places are rows that were left out as open
+    turned : (d, d) of an image, by which displacements of the second side are turned; None if there is none
     """
 
     nodes: tuple[np.ndarray, np.ndarray] = (np.empty(0, int), np.empty(0, int))
@@ -53,6 +54,7 @@ class Places:
     )
     stays: np.ndarray | float = 0.0
     beyond: int = 0
+    turned: np.ndarray | None = None
 
     def opening(self, scale: float) -> np.ndarray:
         """(k,) the gap times `scale` (m), without the overlap that clamps preserve."""
@@ -62,6 +64,8 @@ class Places:
         """Displacement (k, d) of the places with a side, from that of all its body's nodes (nv, d); or several, (k, d,
         j) from (nv, d, j)."""
         own = u[self.nodes[side]]
+        if side and self.turned is not None:
+            own = np.einsum("ij,kj...->ki...", self.turned, own)
         moved = self.transfer[side] @ own.reshape(len(own), int(np.prod(own.shape[1:])))
         return moved.reshape(len(moved), *own.shape[1:])
 
@@ -218,6 +222,7 @@ class Interface:
     fixed : nodes without unknowns, because clamps constrain both bodies there; the certificate ignores their gap
     probes : places between the nodes of non-matching sides; of matching ones, fixed nodes that can still move a little
     layer : the law of a soft joint; None of a hard one
+    image : where it is seen if the second side is an image, which all places of the second side are of
     gap_history, scale : the history of the gap, or None; the gap's factor at present
     drawing : what files and pictures show
     """
@@ -234,6 +239,7 @@ class Interface:
     fixed: Places = field(default_factory=Places)
     probes: Places = field(default_factory=Places)
     layer: Closure | None = None
+    image: Frame | None = None
     gap_history: str | None = None
     scale: float = 1.0
     drawing: Drawing = field(default_factory=Drawing)
@@ -247,6 +253,14 @@ class Interface:
             partner=replace(self.partner, motion=moved),
             scale=factors[self.gap_history],
         )
+
+    def imaged(self, frame: Frame) -> Interface:
+        """The same interface if a `frame` has taken the second side where it is."""
+        places = (
+            replace(each, turned=frame.turned) for each in (self.rows, self.fixed, self.probes)
+        )
+        rows, fixed, probes = places
+        return replace(self, rows=rows, fixed=fixed, probes=probes, image=frame)
 
     @property
     def prescribed(self) -> np.ndarray:
@@ -395,6 +409,11 @@ class Interface:
     def itself(self) -> bool:
         """Whether both sides are of one body."""
         return self.bodies[0] == self.bodies[1]
+
+    @property
+    def idle(self) -> bool:
+        """Whether no rigid motion of bodies moves its rows: both sides are of one body, and none is an image."""
+        return self.itself and self.image is None
 
     @property
     def roles(self) -> tuple[str, str]:

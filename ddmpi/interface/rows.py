@@ -94,13 +94,14 @@ class Rows:
             )
         return clamped, most
 
-    def moves(self, direction: np.ndarray) -> np.ndarray:
-        """(r,) bool, whether the body that has both sides moves a row in its direction (r, d): not where the row is at a
-        node of both, as at the tip of a crack."""
+    def moves(self, direction: np.ndarray, turned: np.ndarray | None = None) -> np.ndarray:
+        """(r,) bool, whether the body that has both sides, the second `turned` (d, d), moves a row in its direction (r,
+        d): not where the row is at a node of both, as at the tip of a crack."""
         d, columns, values, numbers = direction.shape[1], [], [], []
-        for side, transfer, sign in zip(self.sides, self.transfers, (1.0, -1.0), strict=True):
+        own = direction, -direction if turned is None else -direction @ turned
+        for side, transfer, along in zip(self.sides, self.transfers, own, strict=True):
             entries = transfer.tocoo()
-            values.append(sign * entries.data[:, None] * direction[entries.row])
+            values.append(entries.data[:, None] * along[entries.row])
             columns.append(d * side.nodes[entries.col][:, None] + np.arange(d))
             numbers.append(np.repeat(entries.row[:, None], d, axis=1))
         along = tuple(np.concatenate(each).ravel() for each in (values, numbers, columns))
@@ -189,7 +190,8 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
     live = ~clamped.all(axis=0)
     live[:, 1:] &= ~across
     if contact.itself:
-        live &= np.stack([rows.moves(each) for each in directions], axis=-1)
+        turned = contact.image.frame(1.0, side.dimension).turned if contact.image else None
+        live &= np.stack([rows.moves(each, turned) for each in directions], axis=-1)
     # a bond also carries tangential forces alone
     dropped = ~live.any(axis=1) if contact.kind == "bonded" else ~live[:, 0]
     if dropped.all():

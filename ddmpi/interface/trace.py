@@ -24,7 +24,7 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
     place = np.full(len(clamped), -1)
     place[body.nodes] = np.arange(len(body.nodes))
     # u_ν = u¹·ν¹ + u²·ν² with ν² = −ν¹: the second body's rows have the opposite sign.
-    along = _sign(side) * moves.data[:, None] * interface.directions[moves.row]
+    along = _sign(side) * moves.data[:, None] * _own(interface, side)[moves.row]
     # A is P K P with the projection P onto the free directions, so B becomes B P. At clamps aslant to the axes P leaves
     # rounding in the constrained direction, which would make a column of B where A is decoupled.
     values = np.einsum("kij,kj->ki", body.supports.free[nodes], along)
@@ -60,7 +60,7 @@ def nodal_forces(interface: Interface, side: int, s: np.ndarray, nodes: int) -> 
     np.add.at(
         forces,
         interface.rows.nodes[side],
-        -_sign(side) * (moves.T @ (s[:, None] * interface.directions)),
+        -_sign(side) * (moves.T @ (s[:, None] * _own(interface, side))),
     )
     return forces
 
@@ -111,6 +111,12 @@ def components(body: Elasticity, nodes: np.ndarray) -> sparse.csr_matrix:
 def rows(interface: Interface, side: int) -> sparse.csr_matrix:
     """The transfer to the nodes of a side, a row for each unknown."""
     return interface.rows.transfer[side][interface.law.node]
+
+
+def _own(interface: Interface, side: int) -> np.ndarray:
+    """The directions (size, d) of all unknowns as a body on `side` has them: those of an image are turned back."""
+    image = interface.image
+    return interface.directions @ image.turned if side and image else interface.directions
 
 
 def _sign(side: int) -> float:

@@ -20,6 +20,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
@@ -316,11 +317,13 @@ def _places(assembly: Assembly, states: Mapping[str, ContactState]) -> dict[str,
             if of == name
         ]
         mine |= ends_of(body, contacts)
-    both = assembly.exchange.swap_objects(mine)
-    return {
-        met.name: singular_places(met, states[met.name].status != "open", both[met.name])
-        for met in assembly.space.interfaces
-    }
+    both, found = assembly.exchange.swap_objects(mine), {}
+    for met in assembly.space.interfaces:
+        one, other = both[met.name]
+        if met.image:
+            other = other._replace(sides=met.image.at(other.sides))
+        found[met.name] = singular_places(met, states[met.name].status != "open", (one, other))
+    return found
 
 
 def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str]:
@@ -365,9 +368,26 @@ def _by_body(assembly: Assembly, places: Mapping[str, Singular]) -> dict[str, li
     )
     by_body: dict[str, list[Singular]] = {}
     for body in assembly.bodies:
-        known = [one or other for one, other in (told[met.name] for met in body.member.interfaces)]
-        by_body[body.spec.name] = [each for each in known if each]
+        known = list[Singular]()
+        for met in body.member.interfaces:
+            one, other = told[met.name]
+            found = one or other
+            for side in met.sides(body.spec.name) if found else ():
+                known.append(_turned_back(found, met, side, body.mesh.points))
+        by_body[body.spec.name] = known
     return by_body
+
+
+def _turned_back(singular: Singular, met: Interface, side: int, points: np.ndarray) -> Singular:
+    """The places of a contact on a side, from those on the first: an image is where its body is drawn, at some of its
+    `points` (nv, d)."""
+    if not (side and met.image):
+        return singular
+    tree, back = cKDTree(points), met.image.undone
+    places, finite = (
+        points[tree.query(back.at(each))[1]] for each in (singular.places, singular.finite)
+    )
+    return singular._replace(places=places, finite=finite)
 
 
 def _pressure(state: ContactState, singular: Singular, unit: str) -> str:

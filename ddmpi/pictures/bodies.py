@@ -9,6 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from ddmpi.errors import OutputError
@@ -31,8 +32,9 @@ from ddmpi.pictures.views import Skin, Surface, View
 from ddmpi.results.fields import owners
 from ddmpi.results.histories import load_steps
 from ddmpi.results.tables import Columns, Results
+from ddmpi.scene.motions import Image
 from ddmpi.system.files import writing
-from ddmpi.system.numbers import ALIKE, RigidMotion, crossed, scaled_unit
+from ddmpi.system.numbers import ALIKE, Frame, RigidMotion, crossed, scaled_unit
 
 BRIGHTEST = 0.998  # share of the area at which colours of stresses end: singular ones must not set the scale
 
@@ -86,6 +88,10 @@ def draw_bodies(results: Results) -> Any:
     if results.summary["scene"]["output"].get("mirrored"):
         facets, at, still, values, beyond = _both_halves(facets, at, still, values, beyond)
         rigid += [replace(surface, at=surface.at[::-1] * (-1.0, 1.0)) for surface in rigid]
+    if results.summary["scene"]["output"].get("sectors"):
+        facets, at, still, values, beyond = _all_sectors(
+            results.summary["scene"], facets, at, still, values, beyond
+        )
     factor, unit = scaled_unit(seen.max(), unit)
     image = colours_of(low / factor, top / factor or 1.0, "viridis")
     sheet = Sheet(results, np.vstack([still[beyond <= 0.0], at[beyond <= 0.0]]), rigid)
@@ -156,6 +162,23 @@ def _both_halves(
         np.vstack([facets, other[facets[:, ::-1]]]),
         *(np.vstack([array, array * (-1.0, 1.0)]) for array in (at, still)),
         *(np.tile(array, 2) for array in values),
+    ]
+
+
+def _all_sectors(
+    scene: dict, facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray
+) -> list[np.ndarray]:
+    """Triangles (f, 3), places (nv, d) and values (nv,) of a sector with those of all others of its wheel."""
+    asked = next(one["image"] for one in scene["contact"] if one["image"] and one["image"]["turn"])
+    image = msgspec.convert(asked, Image)
+    frame = image.frame(1.0, at.shape[1])
+    frames = [Frame.of(np.zeros(at.shape[1]))]
+    for _ in range((image.sectors or 1) - 1):
+        frames.append(frame.after(frames[-1]))
+    return [
+        np.vstack([facets + k * len(at) for k in range(len(frames))]),
+        *(np.vstack([each.at(array) for each in frames]) for array in (at, still)),
+        *(np.tile(array, len(frames)) for array in values),
     ]
 
 

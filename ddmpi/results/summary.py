@@ -30,6 +30,7 @@ from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.judge.motions import TURN
 from ddmpi.results.tables import FORMAT, STATUS
 from ddmpi.scene.contacts import Rigid
+from ddmpi.scene.motions import Image
 from ddmpi.scene.output import units
 from ddmpi.scene.results import named
 from ddmpi.scene.time import Cycle
@@ -357,6 +358,7 @@ def summarize(
             "bodies": entries,
             "contacts": {
                 name: _contact(contact)
+                | image_of(scene, name)
                 | {
                     "certificate": certificate.contacts[name]._asdict(),
                     "dissipated": np.sum(
@@ -429,6 +431,43 @@ def motion_at(summary: dict, rigid: Rigid, time: float | None) -> RigidMotion:
         [np.interp(now, list(at), component) for component in zip(*at.values(), strict=True)]
     )
     return RigidMotion(moved[: len(still)], moved[len(still) :], np.array(rigid.pivot or still))
+
+
+def image_of(scene: dict, contact: str) -> dict:
+    """The entry `image` of a contact of a resolved scene, if it has one: its turn (degrees) or shift (m), and sectors."""
+    asked = next(one.get("image") for one in scene["contact"] if one["name"] == contact)
+    if not asked:
+        return {}
+    image, key = msgspec.convert(asked, Image), "turn" if asked["turn"] else "shift"
+    return {"image": {key: asked[key], "sectors": image.sectors}}
+
+
+def whole_of(
+    image: Image, dimension: int, bodies: Mapping[str, dict], contacts: Mapping[str, ContactTotals]
+) -> dict:
+    """Volumes (m³), energies (J) and forces (N) of all sectors of a wheel, of which `image` is the next one."""
+    count, turned = image.sectors or 1, image.frame(1.0, dimension).turned
+    # the sum over all turns of a vector is so many times its part along the axis
+    along = sum(np.linalg.matrix_power(turned, k) for k in range(count))
+    return {
+        "sectors": count,
+        "bodies": {
+            name: {
+                "volume": count * body["volume"],
+                "energy": body["energy"] and count * body["energy"],
+                "reaction": along @ body["reaction"],
+            }
+            for name, body in bodies.items()
+        },
+        "contacts": {
+            name: {
+                "normal_force": count * contact.normal_force,
+                "tangential_force": count * contact.tangential_force,
+                "force": along @ contact.force,
+            }
+            for name, contact in contacts.items()
+        },
+    }
 
 
 def write_summary(path: Path, summary: dict) -> None:

@@ -72,7 +72,7 @@ def _powers(
         assembly.space.interfaces, joint.rigid.blocks, strict=True
     ):
         # what a body does on itself has no power on its motions; lever arms of gaps are none
-        acts = block.any(axis=0) & (not interface.itself)
+        acts = block.any(axis=0) & (not interface.idle)
         if moves is not None:
             acts &= moves[numbers]
         some = np.flatnonzero(acts)

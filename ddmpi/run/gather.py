@@ -40,6 +40,7 @@ from ddmpi.results.summary import (
     plain,
     rigid_partners,
     summarize,
+    whole_of,
     write_mechanism,
     write_summary,
 )
@@ -293,6 +294,8 @@ def gather_summary(
         "options_unused": left,
         **_of_steps(scene, solution, steps),
     }
+    if scene.wheel:
+        run["whole"] = whole_of(scene.wheel, scene.dimension, bodies, solution.contacts)
     summary = summarize(scene.resolved(), run, bodies, solution.contacts, solution.certificate)
     return summary | {"steps": steps.told} | provenance(started, hosts)
 
@@ -348,7 +351,8 @@ def _bodies(
         name = body.spec.name
         entry = _body(assembly, body, solution, error, fields, *machine)
         forces = forces_by_group(body, solution.displacements[name], s, factors, assembly.frames)
-        entries.append((body.number, name, entry | forces))
+        volume = {"volume": float(body.mesh.measures().sum())} if scene.wheel else {}
+        entries.append((body.number, name, entry | forces | volume))
     return entries
 
 

@@ -226,7 +226,7 @@ def _forces(assembly: Assembly) -> list[tuple[str, np.ndarray, np.ndarray]]:
         rubs = np.broadcast_to(rubs, law.sliding.shape)
         acts = np.concatenate([np.ones(law.m, bool), np.repeat(rubs, law.components)])
         # a body moves both of its own sides alike; what rows see of that are lever arms of gaps
-        found.append((interface.name, numbers, block[acts] * (not interface.itself)))
+        found.append((interface.name, numbers, block[acts] * (not interface.idle)))
     return found
 
 
@@ -260,7 +260,7 @@ def _passing(
         one[:, :, : first.shape[2]] = first
         leans = np.einsum("smt,mtd->smd", interface.geometry.tilt, interface.tangents)
         own = np.einsum("md,mdc->mc", leans[0], one) - np.einsum("md,mdc->mc", leans[1], other)
-        leans_apart = len(F) == interface.m and not interface.itself
+        leans_apart = len(F) == interface.m and not interface.idle
         found.append(Passing(np.stack([one, other]), own if leans_apart else 0.0 * own))
     return found
 
@@ -382,7 +382,7 @@ def _by_own_normals(assembly: Assembly, held: Held, s: np.ndarray) -> np.ndarray
     for interface, (part, numbers, block), (_, own) in zip(
         assembly.space.interfaces, joint.rigid.blocks, held.passing, strict=True
     ):
-        own = -block if interface.itself else own
+        own = -block if interface.idle else own
         more += s[part][: len(own)] @ own @ held.basis[numbers]
     return assembly.space.add(more)
 

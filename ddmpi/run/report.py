@@ -23,6 +23,7 @@ from ddmpi.results.summary import (
 )
 from ddmpi.run.solve import Solution
 from ddmpi.scene.method import PRESETS, SettledMethod
+from ddmpi.scene.motions import Image
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import gathered
 from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
@@ -61,6 +62,8 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     )
     for plan, names in grouped((plan, name) for name, (_, plan) in contacts.items()):
         log.info("%s: %s", some(names, "contacts"), plan)
+    if scene.wheel:
+        log.info("%s", sector_in_words(scene.wheel))
     for line in _plan_of_bodies(assembly, bodies):
         log.info("%s", line)
     method = describe_method(scene.method, scene.dimension)
@@ -81,6 +84,14 @@ def _plan_of_bodies(assembly: Assembly, bodies: Mapping[str, tuple[str, bool]]) 
         yield f"{some(unloaded, 'bodies')}: no loads"
     if assembly.world.size < len(names):
         yield f"{len(names)} bodies on {_count(assembly.world.size, 'rank')}"
+
+
+def sector_in_words(image: Image) -> str:
+    """What a scene with a turned image is one sector of."""
+    return (
+        f"one of {image.sectors} sectors, the next one {image.words}: loads, clamps and partners turn with each, and "
+        "forces, energy and volume are those of one"
+    )
 
 
 def _left_out(assembly: Assembly, figures: bool) -> Iterator[str]:

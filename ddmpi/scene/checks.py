@@ -29,6 +29,7 @@ def mistakes(scene: Any) -> Iterator[str]:
         yield from _sides(contact)
     yield from _materials(scene)
     yield from _copies(scene)
+    yield from _images(scene)
     yield from _around_axis(scene)
     yield from _histories(scene)
     for contact in scene.contact:
@@ -200,6 +201,36 @@ def _materials(scene: Any) -> Iterator[str]:
             f"bodies have mesh.order {' and '.join(map(str, orders))}; forces at their common nodes "
             "would mean different pressures, so give all bodies the same"
         )
+
+
+def _images(scene: Any) -> Iterator[str]:
+    """Images are of bodies, and all turned ones make one wheel."""
+    imaged = [contact for contact in scene.contact if contact.image]
+    first = next((contact for contact in imaged if contact.image.turn), None)
+    if scene.output.sectors and not first:
+        yield "output.sectors: no contact has a turned image, so that there is one sector only; leave it out"
+    if scene.output.sectors and scene.output.cut:
+        yield "output.sectors: does not go with output.cut; leave one of them out"
+    for contact in imaged:
+        yield from (f"contact.{contact.called}.image: {words}" for words in _image(scene, contact))
+        if first and contact.image.turn and not contact.image.of_one_wheel(first.image):
+            yield (
+                f"contact.{contact.called}.image: is turned about another axis or by another angle than that of "
+                f"contact.{first.called}; a scene is a sector of one wheel"
+            )
+
+
+def _image(scene: Any, contact: Any) -> Iterator[str]:
+    """What does not go with the image of a contact."""
+    image, second = contact.image, contact.bodies[1]
+    if any(partner.name == second for partner in scene.rigid):
+        yield f"{second!r} is rigid, and has none; move the partner to where it is touched"
+    if scene.axisymmetric and (image.turn or image.shift[0]):
+        yield "axisymmetric bodies have images along y only, as in shift = [0.0, 10.0]"
+    if scene.time and scene.time.motions == "far":
+        yield 'does not go with time.motions = "far"; leave one of them out'
+    if contact.pretension:
+        yield "a bond with a pretension has no image; leave one of them out"
 
 
 def _copies(scene: Any) -> Iterator[str]:

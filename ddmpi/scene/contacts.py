@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import force_setattr
 
-from ddmpi.scene.motions import Motions
+from ddmpi.scene.motions import Image, Motions
 from ddmpi.scene.values import (
     WHERE,
     Formula,
@@ -247,6 +247,7 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     slave : with mortar, the body whose nodes carry the forces, "first" or "second" side of one body; left out, that of
         larger node spacing over E/(1 − ν²)
     softness : of a gasket or of rough faces: closure per pressure (m/Pa), or a table of both; left out, none
+    image : where the second side stands that the first one faces, as the other end of a sector or of a periodic cell
     """
 
     name: Name | None = None
@@ -259,6 +260,7 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     slave: Name | None = None
     pretension: Pretension | None = None
     softness: NonNegative | Closure | None = None
+    image: Image | None = None
 
     def __post_init__(self) -> None:
         force_setattr(self, "on", tuple(map(joined, self.on)))

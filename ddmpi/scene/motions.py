@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.scene.values import Name, Number, OfOne, Point, Table, no_z
-from ddmpi.system.numbers import Frame
+from ddmpi.system.numbers import SAME, Frame, in_words
 
 
 class Moved(Table, frozen=True, kw_only=True):
@@ -77,6 +77,63 @@ class Copy(Moved, frozen=True, kw_only=True):
     """
 
     of: Name
+
+
+class Image(Moved, frozen=True, kw_only=True):
+    """The second side of a contact where a turn or a shift takes it: of a sector, or of a periodic cell; see
+    docs/use/sectors.md.
+
+    Attributes
+    ----------
+    turn : about the pivot, counterclockwise (degrees); so many of them are a whole turn
+    """
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.turn is not None and self.shift is not None:
+            raise ValueError("an image is turned or shifted; leave turn or shift out")
+        if self.turn is None and not any(self.shift or ()):
+            raise ValueError("an image is elsewhere; shift must not be zero")
+        if self.turn is not None and not self.sectors:
+            raise ValueError(
+                f"turn = {self.turn:g} does not close: 360/{abs(self.turn):g} = "
+                f"{360.0 / abs(self.turn) if self.turn else np.inf:.4g} is no number of sectors from 2 on"
+            )
+
+    @property
+    def sectors(self) -> int | None:
+        """How many of them are a whole turn; None for a shift, and if none are."""
+        count = 360.0 / abs(self.turn) if self.turn else 0.0
+        closes = (
+            count
+            and count > 1.5
+            and abs(round(count) * abs(self.turn or 0.0) - 360.0) <= 360 * SAME
+        )
+        return round(count) if closes else None
+
+    def of_one_wheel(self, other: Image) -> bool:
+        """Whether both turn about one axis by one angle, or one of them back."""
+        d = 3 if self.axis else 2
+        if any(
+            len(place) != d for each in (self, other) for place in (each.pivot, each.axis) if place
+        ):
+            return True  # `dimension` says what is wrong
+        one, two = self.frame(1.0, d), other.frame(1.0, d)
+        size = max(np.abs(frame.shift).max() for frame in (one, two))
+        return any(
+            np.abs(one.turned - frame.turned).max() <= SAME
+            and np.abs(one.shift - frame.shift).max() <= SAME * size
+            for frame in (two, two.undone)
+        )
+
+    @property
+    def words(self) -> str:
+        """The motion in words."""
+        if self.turn is None:
+            return f"shifted by {in_words(np.array(self.shift), 4)}"
+        about = f" about {in_words(np.array(self.pivot), 4)}" if self.pivot else ""
+        axis = f" along {in_words(np.array(self.axis), 4)}" if self.axis else ""
+        return f"turned by {self.turn:g} degrees{about}{axis}"
 
 
 class Motion(Moved, frozen=True, kw_only=True):

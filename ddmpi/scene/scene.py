@@ -18,6 +18,7 @@ from ddmpi.scene.copies import TAKEN
 from ddmpi.scene.derivable import refuse_underivable
 from ddmpi.scene.dimension import FileKind, dimension_of
 from ddmpi.scene.method import PRESETS, Method, SettledMethod
+from ddmpi.scene.motions import Image
 from ddmpi.scene.output import Checkpoint, Output, units
 from ddmpi.scene.petsc import PETScOptions
 from ddmpi.scene.results import refuse_unknown
@@ -184,6 +185,11 @@ class Settled(Table, frozen=True, kw_only=True, dict=True):
     def bolts(self) -> list[SettledContact]:
         """The contacts with a pretension."""
         return [contact for contact in self.contact if contact.pretension]
+
+    @property
+    def wheel(self) -> Image | None:
+        """The turned image that makes the scene one sector of a wheel; None if there is none."""
+        return next((one.image for one in self.contact if one.image and one.image.turn), None)
 
     @property
     def tightened(self) -> dict[str, float]:

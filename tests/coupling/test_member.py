@@ -83,6 +83,7 @@ def touch(
         directions=directions,
         sliding=sliding,
         sides=lambda body: (0,),
+        image=None,
         normal=directions[:m],
         law=SimpleNamespace(node=np.append(np.arange(m), sliding)),
         fixed=SimpleNamespace(

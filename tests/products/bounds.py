@@ -809,6 +809,106 @@ ITSELF = [
 ]
 """Limits of contacts of a body with itself."""
 
+SECTOR = [
+    "body.upper.mesh={shape='annulus', center=[0, 0], radii=[1, 2], angles=[0, 60], divisions=[4, 2]}",
+    "body.upper.clamp=[]",
+    "body.upper.traction=[]",
+    "contact.0={bodies=['upper', 'upper'], on=['end', 'start'], kind='bonded', image={turn=60.0}}",
+]
+
+
+def seen_at(image: str) -> list[str]:
+    return [*SECTOR, f"contact.0.image={image}"]
+
+
+IMAGES = [
+    Bound(
+        "turn = 50 does not close: 360/50 = 7.2 is no number of sectors from 2 on",
+        "pair",
+        seen_at("{turn=50.0}"),
+        seen_at("{turn=51.428571428571}"),
+    ),
+    Bound("turn = 0 does not close", "pair", seen_at("{turn=0.0}"), seen_at("{turn=-60.0}")),
+    Bound(
+        "an image is turned or shifted; leave turn or shift out",
+        "pair",
+        seen_at("{turn=60.0, shift=[1.0, 0.0]}"),
+        seen_at("{shift=[1.0, 0.0]}"),
+    ),
+    Bound(
+        "an image is elsewhere; shift must not be zero",
+        "pair",
+        seen_at("{shift=[0.0, 0.0]}"),
+        seen_at("{shift=[0.0, 1e-9]}"),
+    ),
+    Bound(
+        'friction does not go with kind = "bonded"; leave one of them out',
+        "pair",
+        [*SECTOR, "contact.0.friction={law='coulomb', coefficient=0.1}"],
+        [*SECTOR, "contact.0.friction={law='none'}"],
+    ),
+    Bound(
+        "contact.upper-tool.image: 'tool' is rigid, and has none; move the partner to where it is touched",
+        "plane",
+        "contact.1.image={turn=60.0}",
+        "contact.0.image={turn=60.0}",
+    ),
+    Bound(
+        "image: is turned about another axis or by another angle than that of contact.upper-lower",
+        "plane",
+        [
+            "contact.0.image={turn=60.0}",
+            "contact.1={bodies=['lower', 'upper'], name='b', on=['left', 'right'], image={turn=90.0}}",
+        ],
+        [
+            "contact.0.image={turn=60.0}",
+            "contact.1={bodies=['lower', 'upper'], name='b', on=['left', 'right'], image={turn=-60.0}}",
+        ],
+    ),
+    Bound(
+        "image: a bond with a pretension has no image; leave one of them out",
+        "pair",
+        [*bolt("history='bolt'"), "contact.0.image={turn=60.0}", "time={points=[1.0]}"],
+        [*bolt("history='bolt'"), "time={points=[1.0]}"],
+    ),
+    Bound(
+        "image: axisymmetric bodies have images along y only, as in shift = [0.0, 10.0]",
+        "axis",
+        "contact.0.image={shift=[1e-9, 1.0]}",
+        "contact.0.image={shift=[0.0, 1.0]}",
+    ),
+    Bound(
+        'image: does not go with time.motions = "far"; leave one of them out',
+        "axis",
+        [
+            "time={points=[1.0], motions='far'}",
+            "body.upper.motion={shift=[0.0, 1.0]}",
+            "contact.0.image={shift=[0.0, 1.0]}",
+        ],
+        ["time={points=[1.0], motions='far'}", "body.upper.motion={shift=[0.0, 1.0]}"],
+    ),
+    Bound(
+        "output.sectors: no contact has a turned image, so that there is one sector only; leave it out",
+        "pair",
+        "output.sectors=true",
+        [*SECTOR, "output.sectors=true"],
+    ),
+    Bound(
+        "output.sectors: does not go with output.cut; leave one of them out",
+        "space",
+        [
+            "contact.0={bodies=['block', 'block'], on=['left', 'front'], image={turn=90.0, axis=[0, 0, 1]}}",
+            "output.sectors=true",
+            "output.cut={x=0.5}",
+        ],
+        [
+            "contact.0={bodies=['block', 'block'], on=['left', 'front'], image={turn=90.0, axis=[0, 0, 1]}}",
+            "output.sectors=true",
+        ],
+    ),
+]
+"""Limits of images."""
+
 COPIES = [
     Bound(
         "body.lower.copy: a copy has the mesh of 'upper'; leave mesh out, or copy",

@@ -1,0 +1,306 @@
+"""Sectors of wheels and periodic cells: the answers of the whole, on meshes that are images of each other."""
+
+from copy import deepcopy
+from typing import Any
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scenes import assert_refused, certified, rectangle
+
+import ddmpi
+
+FRICTION = {"law": "coulomb", "coefficient": 0.3}
+
+STEEL = {"young": 2.1e11, "poisson": 0.3}
+
+SWIRL = "1e8 * (1 + 0.2*x*y*(x**2 - y**2))"
+"""A pressure that is alike in each quarter, and not alike in its two halves."""
+
+
+def segment(name: str, start: float, end: float, order: int, cells: int = 4, **keys: Any) -> dict:
+    """A part of a ring from 1 to 2."""
+    mesh = {"shape": "annulus", "center": [0.0, 0.0], "radii": [1.0, 2.0], "order": order}
+    mesh |= {"angles": [start, end], "divisions": [cells, 4]}
+    return {"name": name, "mesh": mesh, "material": STEEL} | keys
+
+
+def wedge(name: str, low: float, **keys: Any) -> dict:
+    """A quarter of a square ring, one high."""
+    plane = [[1.0, 0.0], [2.0, 0.0], [0.0, 2.0], [0.0, 1.0]]
+    corners = [[*at, z] for z in (low, low + 1.0) for at in plane]
+    mesh = {"shape": "hexahedron", "corners": corners, "divisions": [3, 3, 2]}
+    return {"name": name, "mesh": mesh, "material": STEEL} | keys
+
+
+def wheel(bodies: list[dict], contacts: list[dict], **more: Any) -> tuple[dict, dict]:
+    """A sector, and the whole of it: its bodies and three copies of each, turned by quarters.
+
+    A contact with an image is one with the copy that is next.
+    """
+    axis = {"axis": [0.0, 0.0, 1.0]} if "corners" in bodies[0]["mesh"] else {}
+    image = {"turn": 90.0} | axis
+    sector = {"body": bodies, "contact": deepcopy(contacts)} | more
+    whole: dict[str, Any] = {"body": [], "contact": []} | deepcopy(more)
+    for k in range(4):
+        for body in bodies:
+            own = dict(body)
+            if k:
+                del own["mesh"], own["material"]
+                own |= {"copy": {"of": f"{body['name']}0", "turn": 90.0 * k} | axis}
+            whole["body"].append(own | {"name": f"{body['name']}{k}"})
+        for contact in contacts:
+            next_one = (k + 1) % 4 if contact.get("image") else k
+            first, second = contact["bodies"]
+            rigid = second in {partner["name"] for partner in more.get("rigid", ())}
+            both = [f"{first}{k}", second if rigid else f"{second}{next_one}"]
+            own = {key: value for key, value in contact.items() if key != "image"}
+            whole["contact"].append(own | {"name": f"{contact['name']}{k}", "bodies": both})
+    for contact in sector["contact"]:
+        if contact.get("image"):
+            contact["image"] = image
+    return sector, whole
+
+
+def flanks(*bodies: str, **keys: Any) -> dict:
+    first, second = bodies if len(bodies) > 1 else bodies * 2
+    on = keys.pop("on", ["end", "start"])
+    return {"name": f"{first}-{second}", "bodies": [first, second], "on": on, "image": True} | keys
+
+
+BOND = {"kind": "bonded"}
+
+SPIN = ["1e7 * x", "1e7 * y"]
+
+
+def rings(order: int, **keys: Any) -> tuple[dict, dict]:
+    """A ring that turns, heated, under a pressure that twists it."""
+    loads = {"traction": [{"on": "outer", "pressure": SWIRL}], "temperature": "40 * (x**2 + y**2)"}
+    ring = segment("ring", 0.0, 90.0, order, volume_force=SPIN, **loads)
+    ring["material"] = STEEL | {"expansion": 1.2e-5}
+    return wheel([ring], [flanks("ring", **keys)])
+
+
+def two_parts(order: int) -> tuple[dict, dict]:
+    """Two segments a quarter, of which the second meets the next first with friction."""
+    loads = {"traction": [{"on": "outer", "pressure": SWIRL}]}
+    parts = [
+        segment("one", 0.0, 30.0, order, 2, **loads),
+        segment("two", 30.0, 90.0, order, 4, **loads),
+    ]
+    inner = {"name": "inner", "bodies": ["one", "two"], "on": ["end", "start"]}
+    return wheel(parts, [inner | {"friction": FRICTION}, flanks("two", "one", friction=FRICTION)])
+
+
+def flanges() -> tuple[dict, dict]:
+    """Two square rings on each other, that a plate presses together and that turn."""
+    spin = {"volume_force": [*SPIN, 0.0]}
+    bodies = [
+        wedge("lower", 0.0, clamp=["bottom"], **spin),
+        wedge("upper", 1.0, **spin),
+    ]
+    on = ["back", "front"]
+    contacts = [
+        {"name": "joint", "bodies": ["upper", "lower"], "on": ["bottom", "top"]}
+        | {"friction": FRICTION},
+        {"name": "plate", "bodies": ["upper", "plate"], "on": ["top"], "friction": FRICTION},
+        flanks("lower", on=on, **BOND),
+        flanks("upper", on=on, friction=FRICTION),
+    ]
+    plate = {
+        "name": "plate",
+        "shape": "plane",
+        "point": [0.0, 0.0, 2.0],
+        "normal": [0.0, 0.0, -1.0],
+    }
+    sector, whole = wheel(bodies, contacts, rigid=[plate | {"force": [0.0, 0.0, -4e8]}])
+    whole["rigid"][0]["force"] = [0.0, 0.0, -16e8]
+    return sector, whole
+
+
+WHEELS = {
+    "bonded": rings(1, **BOND),
+    "bonded and quadratic": rings(2, **BOND),
+    "with friction": rings(1, friction=FRICTION),
+    "quadratic with friction": rings(2, friction=FRICTION),
+    "of two parts": two_parts(1),
+    "of two quadratic parts": two_parts(2),
+    "flanges": flanges(),
+}
+
+
+def strained(answer: Any, name: str) -> np.ndarray:
+    """The displacement (nv, d) of a body, in the plane without its mean turn about the origin."""
+    body = answer.bodies[name]
+    u, x = body.displacement, body.points
+    if x.shape[1] > 2:
+        return u
+    around = x[:, ::-1] * (-1.0, 1.0)
+    return u - (u * around).sum() / (around**2).sum() * around
+
+
+@pytest.mark.parametrize(("sector", "whole"), WHEELS.values(), ids=WHEELS)
+def test_a_sector_is_a_part_of_its_wheel(sector, whole):
+    """Displacements, forces, slip and statuses are those of each quarter, and those of all sectors the sums."""
+    tight = {"method": {"tolerance": 1e-11}}
+    one, all_of_it = certified(sector | tight), certified(whole | tight)
+    for body in sector["body"]:
+        name = body["name"]
+        found, right = strained(one, name), strained(all_of_it, f"{name}0")
+        assert found == pytest.approx(right, abs=1e-8 * np.abs(right).max())
+        mises = all_of_it.bodies[f"{name}0"].von_mises
+        assert one.bodies[name].von_mises == pytest.approx(mises, abs=1e-8 * mises.max())
+    sums = one.summary["whole"]
+    assert sums["sectors"] == 4
+    for contact in sector["contact"]:
+        name = contact["name"]
+        image = one.summary["contacts"][name].get("image")
+        assert image == ({"turn": 90.0, "sectors": 4} if contact.get("image") else None)
+        mine = one.contacts[name]
+        numbered = [all_of_it.contacts[f"{name}{k}"] for k in range(4)]
+        if mine.interface.dimension == 3:
+            # forces at an edge of several contacts are shared in more than one way
+            pressed = sums["contacts"]["plate"]["normal_force"]
+            assert pressed == pytest.approx(16e8, rel=1e-7)
+            continue
+        size = np.abs(numbered[0].forces).max()
+        assert mine.normal_force == pytest.approx(numbered[0].normal_force, abs=1e-7 * size)
+        assert (mine.status == numbered[0].status).all()
+        told = [all_of_it.summary["contacts"][f"{name}{k}"] for k in range(4)]
+        force = np.sum([each["force"] for each in told], axis=0)
+        assert sums["contacts"][name]["force"] == pytest.approx(force, abs=1e-6 * size)
+        total = sum(each["normal_force"] for each in told)
+        assert sums["contacts"][name]["normal_force"] == pytest.approx(total, rel=1e-7)
+    for body in sector["body"]:
+        energies = (all_of_it.summary["bodies"][f"{body['name']}{k}"]["energy"] for k in range(4))
+        assert sums["bodies"][body["name"]]["energy"] == pytest.approx(sum(energies), rel=1e-7)
+
+
+def test_forces_that_slide_around_a_wheel_are_those_of_its_sectors():
+    """With little friction some flanks slip, and slip by as much as in the whole."""
+    sector, whole = rings(1, friction={"law": "coulomb", "coefficient": 0.25})
+    one, all_of_it = certified(sector), certified(whole)
+    mine, right = one.contacts["ring-ring"], all_of_it.contacts["ring-ring0"]
+    assert (mine.status == "slip").any()
+    assert mine.slip == pytest.approx(right.slip, abs=1e-6 * np.abs(right.slip).max())
+
+
+@pytest.mark.parametrize("around", [(6, 9), (9, 6)])
+@pytest.mark.parametrize("law", [BOND, {"friction": FRICTION}])
+def test_flanks_that_do_not_match_are_those_of_a_ring(around, law):
+    """Two parts of a quarter with other cells along the flank bear the hoop force of a ring under pressure."""
+    p = 1e8
+    parts = []
+    for name, start, end, across in ("one", 0.0, 40.0, around[0]), ("two", 40.0, 90.0, around[1]):
+        part = segment(name, start, end, 2, 6, traction=[{"on": "outer", "pressure": p}])
+        part["mesh"]["divisions"] = [6, across]
+        parts.append(part)
+    inner = {"name": "inner", "bodies": ["one", "two"], "on": ["end", "start"]} | law
+    sector, _ = wheel(parts, [inner, flanks("two", "one", **law)])
+    answer = certified(sector)
+    # Lamé, plane strain
+    a, b, E, nu = 1.0, 2.0, STEEL["young"], STEEL["poisson"]
+    for name in ("one", "two"):
+        body = answer.bodies[name]
+        r = np.linalg.norm(body.points, axis=1)
+        moved = (body.displacement * body.points).sum(axis=1) / r
+        right = -p * b**2 / (b**2 - a**2) * (1 + nu) / E * ((1 - 2 * nu) * r + a**2 / r)
+        assert moved == pytest.approx(right, rel=4e-4)
+    for name in ("inner", "two-one"):
+        total = answer.summary["contacts"][name]["normal_force"]
+        assert total == pytest.approx(p * b, rel=1e-9)
+
+
+def cell(cells: int, start: float = 0.0, **flank: Any) -> dict:
+    """So many cells of a layer, 2 wide and 1 high, that waves press onto a floor, each cell alike."""
+    body = rectangle("layer", [start, 0.0], [2.0 * cells, 1.0], [8 * cells, 4])
+    body["traction"] = [
+        {"on": "top", "value": ["2e4 * sin(pi * x)", "-1e5 * (1 + 0.9 * cos(pi * x))"]}
+    ]
+    floor = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+    image = {"shift": [-2.0 * cells, 0.0]}
+    contacts = [
+        {"name": "flank", "bodies": ["layer"] * 2, "on": ["left", "right"], "image": image} | flank,
+        {"name": "base", "bodies": ["layer", "floor"], "on": ["bottom"], "friction": FRICTION},
+    ]
+    return {"body": [body], "rigid": [floor], "contact": contacts, "method": {"tolerance": 1e-10}}
+
+
+@pytest.mark.parametrize("flank", [BOND, {"friction": FRICTION}], ids=["bonded", "with friction"])
+def test_a_periodic_cell_is_one_of_many(flank):
+    """One cell has the displacements of each of two, and of one that begins elsewhere."""
+    if "friction" in flank:  # warm, so that flanks are pressed
+        flank = flank | {"gap": -1e-7}
+    one = certified(cell(1, **flank))
+    at = {tuple(np.round(x, 9)): u for x, u in _of("layer", one)}
+    size = max(np.abs(u).max() for u in at.values())
+    assert one.summary["contacts"]["flank"]["image"] == {"shift": [-2.0, 0.0], "sectors": None}
+    assert "whole" not in one.summary
+    if "friction" not in flank:  # a joint of cells is none
+        for other in (certified(cell(2, **flank)), certified(cell(1, 0.5, **flank))):
+            for x, u in _of("layer", other):
+                place = np.round([x[0] % 2.0, x[1]], 9)
+                assert u == pytest.approx(at[tuple(place)], abs=1e-7 * size)
+
+
+def _of(name: str, answer: Any) -> Any:
+    return zip(answer.bodies[name].points, answer.bodies[name].displacement, strict=True)
+
+
+def test_a_cell_that_is_pressed_is_confined():
+    """A bonded cell under a uniform pressure cannot strain aside: p ν / (1 − ν) across its flanks."""
+    pressed = cell(1, **BOND)
+    pressed["body"][0]["traction"] = [{"on": "top", "pressure": 1e5}]
+    pressed["contact"][1]["friction"] = {"law": "none"}
+    answer = certified(pressed)
+    nu = pressed["body"][0]["material"]["poisson"]
+    flank = answer.contacts["flank"]
+    assert flank.pressure == pytest.approx(nu / (1 - nu) * 1e5 * np.ones(5), rel=1e-7)
+
+
+@pytest.mark.mpi(ranks=2)
+def test_an_image_is_of_a_body_of_another_rank():
+    """Two parts of a sector on two ranks have the answer of one rank."""
+    sector = two_parts(1)[0] | {"method": {"tolerance": 1e-10}}
+    one, two = certified(sector), certified(sector, MPI.COMM_WORLD)
+    for name, contact in one.contacts.items():
+        size = np.abs(contact.forces).max()
+        assert two.contacts[name].forces == pytest.approx(contact.forces, abs=1e-9 * size)
+    assert two.summary["whole"]["bodies"].keys() == {"one", "two"}
+
+
+def test_a_sector_turns_freely_and_does_not_slide():
+    """Of the motions of a ring in the plane only the turn is free; a moment on it has no equilibrium."""
+    sector = rings(1, **BOND)[0]
+    held = certified(sector).summary["held_motions"]
+    assert [motion["body"] for motion in held] == ["ring"]
+    twisted = deepcopy(sector)
+    twisted["body"][0]["traction"].append({"on": "inner", "value": ["-1e6 * y", "1e6 * x"]})
+    assert "no equilibrium: ring would" in ddmpi.solve(twisted, MPI.COMM_SELF).reason
+
+
+def test_what_an_image_would_not_have_is_refused():
+    """Weight is not alike in all sectors, nor is a force that grows along a periodic layer."""
+    sector = rings(1, **BOND)[0]
+    sector["body"][0]["volume_force"] = [0.0, -7.8e4]
+    assert_refused(sector, "body.ring.volume_force: is not alike in the image of contact.ring-ring")
+    layer = cell(1, **BOND)
+    layer["body"][0]["volume_force"] = [0.0, "-1e3 * x"]
+    assert_refused(layer, "body.layer.volume_force: is not alike", "shifted by (-2, 0)")
+    layer["body"][0]["volume_force"] = [0.0, "-1e3 * (1 + y)"]
+    certified(layer)
+
+
+def test_an_image_that_does_not_face_is_refused():
+    """The end of a sector faces the start that is turned forwards, not backwards."""
+    sector = rings(1, **BOND)[0]
+    sector["contact"][0]["image"] = {"turn": -90.0}
+    words = "contact.ring-ring.image: ring.start, turned by -90 degrees, does not fit ring.end"
+    assert_refused(sector, words)
+
+
+def test_a_sector_is_told(caplog):
+    """The log says of how many sectors a scene is one, and what turns with it."""
+    with caplog.at_level("INFO"):
+        certified(rings(1, **BOND)[0])
+    assert "one of 4 sectors, the next one turned by 90 degrees" in caplog.text
