@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 __version__ = "0.21.0"
 
+__all__ = ["prepare", "solve", "to_xarray"]
+
 
 def solve(
     scene: str | Path | Mapping[str, Any],
@@ -60,7 +62,8 @@ def solve(
 
     Returns
     -------
-    An answer, certified or not: look at ``answer.certified``.
+    Answer : certified or not: look at ``answer.certified``; the arrays below have shapes in numbers of nodes m of a
+        contact, nodes nv and cells nt of a body, and coordinates d
 
     Raises
     ------
@@ -89,7 +92,7 @@ def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None)
 
     Returns
     -------
-    A model, whose ``solve(overrides)`` gives what `ddmpi.solve` gives with them, to the bit. ``with`` closes it.
+    Model : its ``solve(overrides)`` gives what `ddmpi.solve` gives with them, to the bit. ``with`` closes it.
 
     Raises
     ------
@@ -101,3 +104,25 @@ def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None)
     model = Model(scene, comm)
     model.settle()
     return model
+
+
+def to_xarray(folder: str | Path) -> Any:
+    """The table of a sweep in its `folder` as a `xarray.Dataset`, a variable for each column of numbers. Not collective.
+
+    Parameters
+    ----------
+    folder : of ``ddmpi sweep``, after its end
+
+    Returns
+    -------
+    xarray.Dataset : its dimensions are the varied keys, if all combinations of their values were run, else "case". What
+        a case lacks is NaN
+
+    Raises
+    ------
+    InputError
+        where there is no table of a sweep, or xarray is not installed
+    """
+    from ddmpi.sweep.table import to_xarray as read
+
+    return read(folder)

@@ -32,6 +32,9 @@ from ddmpi.scene.schema import json_schema, meanings, read_docstring
 
 PAGES = ROOT / "docs" / "reference"
 
+HIDDEN = ("__repr__", "_repr_html_", "placed", "along", "count")
+"""Methods of answers that the page of Python leaves out."""
+
 HEADINGS = {
     "Scene": "A scene",
     "BodySpec": "[[body]]",
@@ -266,6 +269,7 @@ def python_page() -> str:
         ("ddmpi.solve", ddmpi.solve),
         ("ddmpi.prepare", ddmpi.prepare),
         ("Model.solve", answer.Model.solve),
+        ("ddmpi.to_xarray", ddmpi.to_xarray),
     ):
         lines += [f"## {name}{_signature(function)}", "", *_described(function)]
     for heading, kind in {
@@ -280,7 +284,17 @@ def python_page() -> str:
                     inspect.cleandoc(value.__doc__ or "").split("\n\n")[0].split()
                 ).rstrip(".")
                 rows[name] = first[:1].lower() + first[1:]
-        lines += [f"## {heading}", "", words, "", *table(("attribute", "meaning"), _coded(rows))]
+        lines += [
+            f"## {heading}",
+            "",
+            words,
+            "",
+            *table(("attribute", "meaning"), _coded(rows)),
+            "",
+        ]
+        for name, value in vars(kind).items():
+            if inspect.isfunction(value) and name not in HIDDEN and value.__doc__:
+                lines += [f"### {heading}.{name}{_signature(value)}", "", *_described(value)]
     for kind, room in (
         ("ddmpi.mprgp.MPRGP", ddmpi.published.mprgp),
         ("ddmpi.apg.APG", ddmpi.published.apg),
@@ -297,6 +311,7 @@ def python_page() -> str:
 
 def _signature(function: Any) -> str:
     parameters = inspect.signature(function).parameters.values()
+    parameters = [each for each in parameters if each.name != "self"]
     return (
         "("
         + ", ".join(

@@ -15,6 +15,7 @@ from ddmpi.interface.interface import Lines
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import cell_with
 from ddmpi.results.tables import Columns, Results, datasets, leg_values
+from ddmpi.scene.given import CELLS
 from ddmpi.surface.curve import in_order
 from ddmpi.surface.outline import Outline
 from ddmpi.system.agreement import gathered
@@ -120,6 +121,23 @@ class Fields:
             stress=sigma,
             nodal_stress=nodal,
             in_frame=self.displacement,
+        )
+
+    def to_meshio(self) -> Any:
+        """These fields as a `meshio.Mesh`: points (nv, 3), cells (nt, k); at the points displacement (nv, 3), nodal_stress,
+        nodal_principal and nodal_von_mises; of cells stress (nt, 6), principal (nt, 3), von_mises and error (nt,), as far
+        as there are such, as in result.h5."""
+        import meshio
+
+        data = _datasets_of(self, 0)
+        points, cells = data.pop("points"), data.pop("cells")
+        del data["body"]
+        kind = CELLS[self.points.shape[1]][cells.shape[1]]
+        return meshio.Mesh(
+            points,
+            [(kind, cells)],
+            {name: values for name, values in data.items() if name in AT_NODES},
+            {name: [values] for name, values in data.items() if name not in AT_NODES},
         )
 
     def __repr__(self) -> str:

@@ -22,7 +22,7 @@ from ddmpi.methods.newton import Newton
 from ddmpi.petsc.options import RunOptions
 from ddmpi.results.fields import Fields, table_fields
 from ddmpi.results.summary import ROWS, where
-from ddmpi.results.tables import STATUS, chains
+from ddmpi.results.tables import HISTORY, STATUS, chains
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, NAMED, describe_contact
 from ddmpi.run.run import Cases
@@ -36,7 +36,7 @@ from ddmpi.system import logs
 from ddmpi.system.agreement import agreed, from_first, in_lockstep, merged
 from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import in_words, scaled_unit
-from ddmpi.system.provenance import has_matplotlib
+from ddmpi.system.provenance import has_matplotlib, optional
 
 COLUMNS = (
     "force",
@@ -46,6 +46,11 @@ COLUMNS = (
     "pressure_max",
     *STATUS,
 )  # the entries of a contact in the table
+
+
+CHANGES = ("update", "residual", "inner_precision")
+RECORD = [(name, float if name in CHANGES else int) for name in HISTORY]
+"""The columns of history.csv, of which all but the changes are counts, with their types."""
 
 
 @dataclass(frozen=True)
@@ -59,6 +64,8 @@ class Answer:
     bodies : fields of the bodies of this rank, by name; none with only="contacts"
     solved : all else that was computed, for studies of the method; None on ranks without a body; no stable interface
     derived : derivatives of arrays by key: of nodes by contact, the same on all ranks, and of this rank's bodies
+    history : (iterations,) records, as the lines of history.csv: step, iteration, update, residual, inner_precision, open,
+        slip, stick and n_A, in all load steps; the same on all ranks
     """
 
     summary: dict[str, Any]
@@ -66,6 +73,7 @@ class Answer:
     bodies: Mapping[str, Fields]
     solved: Solved | None
     derived: Mapping[str, Entry] = field(default_factory=dict)
+    history: np.ndarray = field(default_factory=lambda: np.empty(0))
 
     @property
     def certified(self) -> bool:
@@ -129,17 +137,30 @@ class Answer:
         cells = self.solved.errors[same].cells if self.solved else {}
         return Entry(entries[same], cells=cells)
 
+    def to_meshio(self, body: str) -> Any:
+        """A body of this rank as a `meshio.Mesh`, see `Fields.to_meshio`. Not collective. Raises InputError for another
+        name."""
+        if body not in self.bodies:
+            raise InputError(
+                f"to_meshio({body!r}): there is no such body on this rank, or no fields"
+                f"{nearest(str(body), list(self.bodies))} (there: {', '.join(self.bodies) or 'none'})"
+            )
+        return self.bodies[body].to_meshio()
+
+    def to_pyvista(self, body: str) -> Any:
+        """A body of this rank as a `pyvista.UnstructuredGrid`, with the fields of `to_meshio`. Not collective. Raises
+        InputError for another name, and where pyvista is not installed."""
+        return optional("pyvista", "to_pyvista").wrap(self.to_meshio(body))
+
     def __repr__(self) -> str:
         summary, contacts = self.summary, list(self.summary["contacts"])
         lines = [
             f"Answer({summary['title']!r}, certified={self.certified}, reason={self.reason!r})",
             f"largest displacement {summary['displacement_max']:.4g} {summary['units']['length']}"
             + f" at {where(summary, 'displacement_max')}" * (summary["displacement_max"] > 0.0),
-            *(
-                describe_contact(summary, name, self.contacts[name].interface.bodies[0])
-                for name in contacts[:LISTED]
-            ),
         ]
+        for name in contacts[:LISTED]:
+            lines += describe_contact(summary, name, self.contacts[name].interface.bodies[0])
         if len(contacts) > LISTED:
             lines.append(f"and {len(contacts) - LISTED} more contacts")
         return "\n    ".join(lines)
@@ -149,6 +170,8 @@ class Answer:
         collective."""
         summary, contacts = self.summary, self.contacts
         moved = _amount(summary["displacement_max"], summary["units"]["length"])
+        place = where(summary, "displacement_max")
+        moved += f" at {place}" * bool(place)
         parts = [
             f"<b>{html.escape(summary['title'] or 'Answer')}</b>: {html.escape(summary['reason'])}; largest "
             f"displacement {moved}",
@@ -292,7 +315,10 @@ class Model:
             entry = arrays.get(key, none)
             derived[key] = Entry(contacts=merged(world, entry.contacts), bodies=entry.bodies)
         more = {"started_from": start.summary["run"]} if start else {}
-        summary = world.bcast(solved.summary | {"seconds": seconds} | more if solved else None)
+        told = None
+        if solved:
+            told = solved.summary | {"seconds": seconds} | more, solved.steps.iterations
+        summary, iterations = world.bcast(told)
         self.reused = summary["reused"]
         return Answer(
             summary,
@@ -300,6 +326,7 @@ class Model:
             solved.fields if solved else {},
             solved,
             derived,
+            np.array(iterations, RECORD),
         )
 
 

@@ -274,7 +274,8 @@ def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[st
         pressure = _largest(summary, "contacts", "pressure_max")
         yield f"{len(contacts)} contacts: {count(contacts.values())} nodes; {pressure}"
         listed = [name for name in contacts if totals[name].rigid is not None][:LISTED]
-    yield from (describe_contact(summary, name, totals[name].bodies[0]) for name in listed)
+    for name in listed:
+        yield from describe_contact(summary, name, totals[name].bodies[0])
     closed = {
         name
         for step in summary["steps"]
@@ -290,8 +291,8 @@ def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[st
         yield f"closed nowhere{' at any time' * (len(summary['steps']) > 1)}: {some(apart, 'contacts')}"
 
 
-def describe_contact(summary: dict, name: str, body: str) -> str:
-    """The state of a contact in one line; `body` is its first one. Not collective."""
+def describe_contact(summary: dict, name: str, body: str) -> list[str]:
+    """The state of a contact in a line, and how much of its friction it bears; `body` is its first one. Not collective."""
     contact = summary["contacts"][name]
     # bodies that meet along an edge only have forces but no area, so no pressure
     pressure = (
@@ -309,7 +310,8 @@ def describe_contact(summary: dict, name: str, body: str) -> str:
         else ""
     )
     words = f"{name}: {count([contact])} nodes; {tell(summary, 'contacts', name, 'force')} on {body}, {pressure}{pulled}"
-    return "; ".join(filter(None, [words, friction_in_words(contact)]))
+    bears = friction_in_words(contact)
+    return [words, f"{name}: {bears}"] if bears else [words]
 
 
 def _largest(summary: dict, table: str, key: str) -> str:

@@ -9,6 +9,7 @@ import csv
 import hashlib
 import io
 import json
+import math
 import os
 import time
 from collections.abc import Iterator, Sequence
@@ -16,12 +17,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ddmpi.errors import InputError, nearest
 from ddmpi.mesh.build import locate_mesh
 from ddmpi.results.tables import reading
 from ddmpi.scene.keys import differences, flatten
 from ddmpi.sweep.cases import Case
 from ddmpi.system.files import RECORD, SUMMARY, SWEEP, TABLE, write_atomically
+from ddmpi.system.provenance import optional
 
 RESULTS = ("outer_iterations", "inner_iterations", "n_A", "eff", "n", "m", "displacement_max")
 """Columns of the table that are numbers of summary.json."""
@@ -228,6 +232,45 @@ def read_table(path: Path) -> list[dict[str, Any]]:
     """The rows of a table; numbers as numbers, empty fields as None. Raises InputError."""
     with reading(path, "the table of a sweep"), open(path, newline="", encoding="utf-8") as file:
         return [{name: _number(text) for name, text in row.items()} for row in csv.DictReader(file)]
+
+
+def to_xarray(folder: str | Path) -> Any:
+    """The table of a sweep as a `xarray.Dataset`, a variable for each column of numbers, NaN where a case has none.
+
+    Its dimensions are the varied keys, if all combinations of their values were run, else "case", along which they are
+    coordinates. Not collective. Raises InputError where there is no table or no xarray.
+    """
+    rows = read_table(Path(folder) / TABLE)
+    xarray = optional("xarray", "to_xarray")
+    return xarray.Dataset(*as_variables(rows))
+
+
+def as_variables(rows: Sequence[dict[str, Any]]) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Variables and coordinates of the rows of a table, by name with their dimensions and arrays."""
+    names = list(rows[0])
+    settings = names[1 : names.index("status")]
+    columns = {name: [row[name] for row in rows] for name in names}
+    values = {key: list(dict.fromkeys(columns[key])) for key in settings}
+    cells = [tuple(values[key].index(row[key]) for key in settings) for row in rows]
+    shape = tuple(map(len, values.values()))
+    dimensions: tuple[str, ...] = tuple(settings)
+    coordinates: dict[str, Any] = {key: (key, values[key]) for key in settings}
+    if not len(set(cells)) == len(rows) == math.prod(shape):
+        dimensions, shape, cells = ("case",), (len(rows),), [(k,) for k in range(len(rows))]
+        coordinates = {key: ("case", columns[key]) for key in settings}
+    variables = {}
+    for name in names:
+        numbers = dict(zip(cells, map(_as_number, columns[name]), strict=True))
+        if name not in settings and not np.isnan([*numbers.values()]).all():
+            array = np.empty(shape)
+            for cell, number in numbers.items():
+                array[cell] = number
+            variables[name] = dimensions, array
+    return variables, coordinates
+
+
+def _as_number(entry: Any) -> float:
+    return float(entry) if isinstance(entry, int | float) else math.nan
 
 
 def find_column(word: str, names: Sequence[str], what: str) -> str:

@@ -12,10 +12,12 @@ import shlex
 import sys
 import time
 from importlib.util import find_spec
+from typing import Any
 
 from mpi4py import MPI
 
 import ddmpi
+from ddmpi.errors import InputError
 from ddmpi.system.logs import utc
 
 SLURM = {
@@ -73,6 +75,14 @@ def _installed() -> dict[str, str]:
 def has_matplotlib() -> bool:
     """Whether pictures can be drawn. Not collective."""
     return find_spec("matplotlib") is not None
+
+
+def optional(name: str, what: str) -> Any:
+    """A module that is not needed for a run. Raises InputError where it is not installed."""
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise InputError(f"{what}: {name} is not installed: pip install {name}") from None
 
 
 def has_clarabel() -> bool:

@@ -160,7 +160,8 @@ def test_an_answer_and_its_parts_are_short_in_words():
     answer = ddmpi.solve(
         pinched_blocks(6) | {"output": {"length_unit": "mm", "stress_unit": "MPa"}}
     )
-    first, moved, contact = repr(answer).splitlines()
+    first, moved, contact, friction = repr(answer).splitlines()
+    assert friction.endswith("% of the friction that it could")
     assert (
         first
         == f"Answer({answer.summary['title']!r}, certified=True, reason='converged and certified')"
