@@ -76,6 +76,41 @@ def solve(
         return model.solve(overrides, only, progress=progress, outer=outer)
 
 
+def converge(
+    scene: str | Path | Mapping[str, Any],
+    of: str,
+    within: float = 0.01,
+    comm: MPI.Comm | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    progress: bool = False,
+) -> Answer:
+    """Solve a scene on finer and finer meshes until the error bar of a result is small; nothing is written. Collective on
+    `comm`.
+
+        >>> answer = ddmpi.converge("configs/pinched_blocks.toml", of="contacts.upper-lower.normal_force", within=0.002)
+        >>> [mesh["unknowns"] for mesh in answer.meshes("contacts.upper-lower.normal_force")]
+        [6072, 23760]
+
+    Parameters
+    ----------
+    scene, comm, overrides, progress : as of `ddmpi.solve`
+    of : the result, by its name in ``output.errors``
+    within : largest error bar over the value: ``method.target`` has this and no other
+
+    Returns
+    -------
+    The answer on the last mesh; ``answer.certified`` says whether its bar is within, ``answer.meshes(of)`` is the table of
+    all meshes.
+
+    Raises
+    ------
+    InputError, SolverError, InterruptionError
+        as `ddmpi.solve`
+    """
+    target = {"method.target": {of: within}}
+    return solve(scene, comm, {**(overrides or {}), **target}, progress)
+
+
 def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None) -> Model:
     """A scene to be solved again and again; what a change does not touch is kept. Collective on `comm`.
 

@@ -267,6 +267,7 @@ def python_page() -> str:
     lines = [by_hand("python.md")]
     for name, function in (
         ("ddmpi.solve", ddmpi.solve),
+        ("ddmpi.converge", ddmpi.converge),
         ("ddmpi.prepare", ddmpi.prepare),
         ("Model.solve", answer.Model.solve),
         ("ddmpi.to_xarray", ddmpi.to_xarray),

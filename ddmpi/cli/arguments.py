@@ -138,9 +138,33 @@ def _add_solving(command: Callable[..., _Parser]) -> None:
         help="continue the interrupted run in DIR from its "
         "checkpoint, with the same scene and options; results go to DIR, too, or to --output",
     )
+    converge = command(
+        "converge",
+        "solve a scene on finer and finer meshes until the error bar of a result is small",
+        scene,
+        written,
+        **solving,
+    )
+    _add_target(converge)
     command("check", "describe and draw a scene without solving it", scene, written, **solving)
     _add_sweep(
         command("sweep", "run a scene for all combinations of some values", scene, **solving)
+    )
+
+
+def _add_target(converge: _Parser) -> None:
+    converge.add_argument(
+        "--of",
+        required=True,
+        metavar="NAME",
+        help="the result, as in contacts.fit.normal_force: method.target has no other one then",
+    )
+    converge.add_argument(
+        "--within",
+        type=float,
+        default=0.01,
+        metavar="PART",
+        help="largest error bar over the value (default: 0.01)",
     )
 
 

@@ -25,12 +25,14 @@ if TYPE_CHECKING:
 
 
 def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
-    """The commands run and check, which read a scene alike."""
+    """The commands run, converge and check, which read a scene alike."""
     with loading():
         from ddmpi.mesh.build import kind_of_files
         from ddmpi.scene.reader import read_scene_file
 
     asked = ['output.errors="main"'] * getattr(options, "errors", False)
+    if options.command == "converge":
+        asked.append(f"method.target={{ {json.dumps(options.of)} = {options.within!r} }}")
     scene = from_first(
         world,
         lambda: read_scene_file(
@@ -59,7 +61,7 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
             options.scene,
             options.output,
             figures=scene.output.figures and not options.no_figures,
-            restart=options.restart,
+            restart=getattr(options, "restart", None),
         )
 
 
@@ -215,7 +217,9 @@ def _alone(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
             ALONE[options.command](options)
 
 
-COMMANDS = {"run": _run, "check": _check, "sweep": _sweep} | dict.fromkeys(ALONE, _alone)
+COMMANDS = {"run": _run, "converge": _run, "check": _check, "sweep": _sweep} | dict.fromkeys(
+    ALONE, _alone
+)
 
 
 @contextlib.contextmanager

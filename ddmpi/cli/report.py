@@ -21,6 +21,7 @@ from ddmpi.cli.report_markup import (
     table,
 )
 from ddmpi.errors import InputError
+from ddmpi.judge.accuracy import price_in_words
 from ddmpi.mesh.elements import ORDERS
 from ddmpi.pictures.script import our_digest
 from ddmpi.results.histories import at_step, evenly
@@ -382,7 +383,14 @@ class RunReport:
         last = " of the last load step, given those before" if self.stepped else "alone"
         told = [with_bar(self.summary, result) for result in errors]
         caption = "A value, and half the width of the interval for that of the continuum"
-        rows = table(caption, Column("result", list(errors)), Column("value and error", told))
+        prices = [entry.get("half") for entry in errors.values()]
+        halves = [price_in_words(price) if price else "–" for price in prices]
+        rows = table(
+            caption,
+            Column("result", list(errors)),
+            Column("value and error", told),
+            Column("half of the error takes", halves),
+        )
         return {"bars": rows, "of_errors": last.strip()}
 
     def _pictures(self) -> dict[str, Any]:

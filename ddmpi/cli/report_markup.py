@@ -49,6 +49,11 @@ CAPTIONS = {
     ),
     "error.png": ("Where the mesh is coarse: the estimated discretization error of each cell.",)
     * 2,
+    "accuracy.png": (
+        "Error bars over values on each mesh, and what they have taken. Open circles are forecasts of half the bars, dashed "
+        "lines what is asked for.",
+    )
+    * 2,
     "animation.gif": ("The load steps, one after the other.",) * 2,
 }
 """What pictures show, in the plane and in space."""

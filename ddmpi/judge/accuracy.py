@@ -57,9 +57,18 @@ LADDER = {
     "unresolved": 5.0,  # largest error over what is allowed of a largest value that is not resolved
 }
 
-GROWTH = {2: (1.15, 1.0), 3: (1.75, 4.0 / 3.0)}
-"""By dimension the powers of the number of unknowns with which the seconds of factors grow, and the memory; all other
-seconds grow with it itself."""
+GROWTH = {2: (1.15, 1.0, 5000), 3: (1.75, 4.0 / 3.0, 1500)}
+"""By dimension the powers of the number of unknowns with which the seconds of factors grow, and the memory; and of how many
+unknowns a mesh takes as long as it takes at least. All other seconds grow with the number itself."""
+
+UNLIMITED = 1e30
+"""Unknowns of forecasts."""
+
+RATES = {1: 0.75, 2: 0.9}
+"""By order the powers of the size with which bars of shapes and files fall from the first mesh to the next one."""
+
+LEAST_SEEN = 0.35
+"""Least rate of bars that forecasts take from two meshes, over the order: the power of the size with which they fall."""
 
 ENERGY = ""
 """The name of the target in the energy norm, among those of results."""
@@ -73,11 +82,13 @@ class Cost(NamedTuple):
     bytes: float = 0.0
     idle: float = 0.0
 
-    def of(self, times: float, dimension: int) -> tuple[float, float]:
-        """The seconds and bytes of a mesh with so many `times` the unknowns."""
-        factor, memory = GROWTH[dimension]
-        seconds = times * (self.seconds - self.factor) + times**factor * self.factor
-        return seconds, self.idle + times**memory * (self.bytes - self.idle)
+    def of(self, n: int, times: float, dimension: int) -> tuple[float, float]:
+        """The seconds and bytes of a mesh with so many `times` the n unknowns of this one."""
+        factor, memory, few = GROWTH[dimension]
+        rest = (self.seconds - self.factor) * (times * n + few) / (n + few)
+        return rest + times**factor * self.factor, self.idle + times**memory * (
+            self.bytes - self.idle
+        )
 
 
 class Level(NamedTuple):
@@ -184,6 +195,12 @@ def finer_sizes(mesh: Mesh, squares: np.ndarray, rate: float, scale: float) -> S
     return graded(mesh, size * np.clip(ratio, LADDER["shrink"], LADDER["grow"]))
 
 
+def _growth(times: float, dimension: int) -> float:
+    """How many times the elements there are where equal errors take so many `times`: one that is not needed is not
+    removed, it grows by "grow" at most."""
+    return times + max(1.0 - times, 0.0) / LADDER["grow"] ** dimension
+
+
 def next_refinement(
     levels: Sequence[Level], goal: float, most: float, doubling: bool, dimension: int
 ) -> int | None:
@@ -226,6 +243,13 @@ def next_refinement(
     return refinement if refinement > whole else None
 
 
+def price_in_words(price: Mapping[str, float]) -> str:
+    """What meshes for a result take: "about 91,000 unknowns, 6.1 processor seconds and 1.2 GB"."""
+    n, seconds, gigabytes = price["unknowns"], price["seconds"], price["bytes"] / 1e9
+    digits = max(0, len(str(round(n))) - 2)
+    return f"about {round(n, -digits):,} unknowns, {seconds:.2g} processor seconds and {gigabytes:.2g} GB"
+
+
 class MeshLadder:
     """The finer and finer meshes that a run solves on until its target is met.
 
@@ -247,6 +271,7 @@ class MeshLadder:
         self.refinement: float = 1
         self.sizes, self._former = dict[str, Sizes](), dict[str, Sizes]()
         self._scale = self._rate = 0.0
+        self._alone: Mapping[str, Demand] = {}
         drawn = [body.mesh.drawn for body in scene.body]
         self._any_drawn, self._all_drawn = any(drawn), all(drawn)  # geometries
 
@@ -306,6 +331,58 @@ class MeshLadder:
                 found[name] = Miss(bar.rough**0.5, most)
         return found
 
+    def price(self, result: str, part: float) -> dict[str, float] | None:
+        """What meshes for a result take until its bar is this `part` of the present one: the unknowns of the last one,
+        and processor seconds and bytes of all ranks, from the first mesh on; None where no mesh does. Not collective."""
+        last = self.levels[-1]
+        bar = last.results[result]
+        times = self._times(result, part) if part * (bar.bar or 0.0) > bar.floor else None
+        if times is None:
+            return None
+        seconds, memory = last.cost.of(last.n, times, self.scene.dimension)
+        spent = sum(level.cost.seconds for level in self.levels)
+        return {"unknowns": round(last.n * times), "seconds": spent + seconds, "bytes": memory}
+
+    def _times(self, result: str, part: float) -> float | None:
+        """How many times the unknowns of the present mesh that one has on which a bar is this `part` of the present one.
+
+        Meshes of geometries after the first one are made for results, so that they are those of equal errors. Shapes
+        and files go from the first mesh as far as rates that were seen lead.
+        """
+        d, order = self.scene.dimension, self.scene.body[0].mesh.order
+        levels = [
+            level._replace(error=level.results[result].rough ** 0.5)
+            for level in self.levels
+            if result in level.results
+        ]
+        last = levels[-1]
+        if len(levels) > 1 and not self._all_drawn:
+            return (self._climbed(levels, last.error * part**0.5) / last.refinement) ** d
+        if not self._all_drawn:
+            return part ** (-d / RATES[order])
+        if len(levels) > 1:
+            return part ** (-0.5 * d / order)
+        share, square, cells = self._alone[result]
+        left = part * LADDER["aim drawn"] ** 2
+        times = share / cells * (square * left / share) ** (-0.5 * d / order) if share else 0.0
+        return _growth(times, d) if share else None
+
+    def _climbed(self, levels: Sequence[Level], goal: float) -> float:
+        """The refinement of shapes and files at which a run would end whose errors are those of `levels`, and beyond them
+        fall as from the last but one to the last."""
+        sizes = np.log([level.refinement for level in levels])
+        errors = np.log([level.error for level in levels])
+        order = self.scene.body[0].mesh.order
+        rate = (errors[-2] - errors[-1]) / (sizes[-1] - sizes[-2])
+        rate = min(max(rate, 0.5 * LEAST_SEEN * order), order)
+        seen = [levels[0]]
+        while seen[-1].error > goal and (finer := self._finer(seen, goal, UNLIMITED)):
+            size = math.log(finer)
+            error = math.exp(np.interp(size, sizes, errors) - rate * max(size - sizes[-1], 0.0))
+            dofs = round(levels[0].dofs * (finer / levels[0].refinement) ** self.scene.dimension)
+            seen.append(levels[0]._replace(refinement=finer, error=error, dofs=dofs))
+        return seen[-1].refinement
+
     def _worst(self, error: float, bars: Mapping[str, Bar]) -> Miss:
         """The largest of the errors over what is allowed."""
         found = self.misses(error, bars).values()
@@ -331,6 +408,7 @@ class MeshLadder:
         demands: Mapping[str, Demand] | None = None,
         bars: Mapping[str, Bar] = MappingProxyType({}),
         cost: Cost = Cost(),  # noqa: B008
+        alone: Mapping[str, Demand] = MappingProxyType({}),
     ) -> float | None:
         """Note the errors on this mesh; return the refinement of the next one, or None to stay with this one.
 
@@ -339,7 +417,9 @@ class MeshLadder:
         error, bars : in the energy norm, and of results by name
         demands : of all geometries, by the names of their bodies
         cost : of this mesh
+        alone : of all geometries, by results, the demand of meshes for one of them
         """
+        self._alone = alone
         if self.missed:
             return None
         if self._all_drawn and self.levels:
@@ -364,7 +444,7 @@ class MeshLadder:
         )
         if len(self.levels) >= LADDER["meshes"] and self._any_drawn:
             reason = f"{len(self.levels)} meshes did not reach it"
-        self.missed = self._miss(vain or reason)
+        self.missed = self._miss(vain or reason + self._dear())
         return None
 
     def _unmet(self) -> list[str]:
@@ -382,6 +462,19 @@ class MeshLadder:
             elif bar > most:
                 found.append(f"{name}: {value:.4g} ± {bar:.2g}, at most {most:.2g} is asked for")
         return found
+
+    def _dear(self) -> str:
+        """What the targets take that the last mesh misses, of which forecasts know, in words."""
+        prices = {}
+        for name, target in self.targets.items():
+            bar, most = self.levels[-1].results[name], 0.0
+            most = allowed(target, bar.value or 0.0)
+            if bar.bar and bar.bar > most and (price := self.price(name, most / bar.bar)):
+                prices[name] = price
+        if not prices:
+            return ""
+        name, price = max(prices.items(), key=lambda item: item[1]["seconds"])
+        return f"; {name} takes {price_in_words(price)}"
 
     def _vain(self) -> str:
         """Why no mesh at all meets the targets; empty otherwise."""
@@ -442,10 +535,7 @@ class MeshLadder:
             for fraction in (max(final, LADDER["drop"]), final)
         ]
         times = [share / cells / kappa**d for kappa in scale]
-        # an element that is not needed is not removed: it grows by "grow" at most
-        growth = [
-            (ratio + max(1.0 - ratio, 0.0) / LADDER["grow"] ** d) ** (1 / d) for ratio in times
-        ]
+        growth = [_growth(ratio, d) ** (1 / d) for ratio in times]
         largest = (self.scene.method.max_unknowns / last.dofs) ** (1 / d)
         if len(self.levels) >= LADDER["meshes"] or (
             len(self.levels) > 1 and growth[1] > LADDER["hopeless"] * largest

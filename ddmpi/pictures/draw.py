@@ -88,6 +88,7 @@ def pictures_of(results: Results, last: Results, mechanism: Path | None = None) 
     """The pictures, the longest work first; errors are of the `last` step. A file of a `mechanism` is shown alone."""
     from ddmpi.pictures.contacts import draw_contacts, draw_maps  # they need matplotlib
     from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
+    from ddmpi.pictures.levels import draw_levels, has_levels
 
     if mechanism and mechanism.exists():
         yield (
@@ -97,6 +98,8 @@ def pictures_of(results: Results, last: Results, mechanism: Path | None = None) 
         return
     yield "bodies.png", lambda: draw_bodies(results)
     yield "convergence.png", lambda: draw_convergence(results)
+    if has_levels(last.summary):
+        yield "accuracy.png", lambda: draw_levels(last)
     several = len(results.contacts) > 1
     if several:
         yield "contacts.png", lambda: draw_contacts(results)

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.interface.state import ContactTotals
+from ddmpi.judge.accuracy import price_in_words
 from ddmpi.judge.bars import (
     COARSE,
     COVERED,
@@ -203,9 +204,12 @@ def _scales(summary: Mapping[str, Any]) -> dict[str, float]:
     return scales
 
 
-def with_bar(summary: Mapping[str, Any], result: str) -> str:
-    """A result with its error in words: "3.51e+04 ± 4e+02 N", or "38.1 MPa, no bar: not resolved"."""
-    entry, unit = summary["errors"][result], summary["units"][quantity_of(result)]
+def with_bar(
+    summary: Mapping[str, Any], result: str, entry: Mapping[str, Any] | None = None
+) -> str:
+    """A result with its error in words: "3.51e+04 ± 4e+02 N", or "38.1 MPa, no bar: not resolved"; `entry` is that of
+    another mesh."""
+    entry, unit = entry or summary["errors"][result], summary["units"][quantity_of(result)]
     value, bar = as_float(entry["value"]), entry["bar"]
     if bar is None:
         return f"{value:.4g} {unit}, no bar: {entry['word']}"
@@ -214,6 +218,16 @@ def with_bar(summary: Mapping[str, Any], result: str) -> str:
     last = math.floor(math.log10(bar))  # its first digit, which is rounded up
     digits = math.floor(math.log10(abs(value))) - last + 1 if value else 1
     return f"{value:.{min(max(digits, 1), 12)}g} ± {math.ceil(bar / 10.0**last) * 10.0**last:.1g} {unit}"
+
+
+def half_in_words(summary: Mapping[str, Any]) -> str:
+    """What half of the bars takes at most; empty where there are none."""
+    prices = {name: entry.get("half") for name, entry in summary.get("errors", {}).items()}
+    prices = {name: price for name, price in prices.items() if price}
+    if not prices:
+        return ""
+    dearest = max(prices, key=lambda name: prices[name]["seconds"])
+    return f"half of the bar of {dearest}{', the dearest one,' * (len(prices) > 1)} takes {price_in_words(prices[dearest])}"
 
 
 def _contacts_of(summary: Mapping[str, Any], table: str, name: str) -> list[str]:
@@ -472,7 +486,7 @@ def whole_of(
 
 def write_summary(path: Path, summary: dict) -> None:
     """Write summary.json into the folder `path`. Not collective. Raises OutputError."""
-    _write_json(path / "summary.json", summary)
+    write_json(path / "summary.json", summary)
 
 
 def write_mechanism(path: Path, mechanism: Mechanism) -> None:
@@ -481,7 +495,7 @@ def write_mechanism(path: Path, mechanism: Mechanism) -> None:
     A velocity is (v_x, v_y, ω), in space (v_x, v_y, v_z, ω_x, ω_y, ω_z), such that the fastest node has velocity 1.
     Not collective. Raises OutputError.
     """
-    _write_json(
+    write_json(
         path / MECHANISM,
         plain(
             {
@@ -496,7 +510,8 @@ def write_mechanism(path: Path, mechanism: Mechanism) -> None:
     )
 
 
-def _write_json(path: Path, content: dict) -> None:
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write plain data as JSON. Not collective. Raises OutputError."""
     with writing(path):
         path.write_text(
             json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n",

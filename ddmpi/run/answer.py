@@ -20,6 +20,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
 from ddmpi.methods.newton import Newton
 from ddmpi.petsc.options import RunOptions
+from ddmpi.results.converge import table_of
 from ddmpi.results.fields import Fields, table_fields
 from ddmpi.results.summary import ROWS, where
 from ddmpi.results.tables import HISTORY, STATUS, chains
@@ -151,6 +152,17 @@ class Answer:
         """A body of this rank as a `pyvista.UnstructuredGrid`, with the fields of `to_meshio`. Not collective. Raises
         InputError for another name, and where pyvista is not installed."""
         return optional("pyvista", "to_pyvista").wrap(self.to_meshio(body))
+
+    def meshes(self, result: str) -> list[dict[str, Any]]:
+        """The meshes of a result of ``method.target``: unknowns, value, bar, word, processor seconds and bytes. Not
+        collective. Raises InputError for another result."""
+        told, same = table_of(self.summary), with_letters(str(result))
+        if same not in told:
+            raise InputError(
+                f"meshes({result!r}): method.target of the scene does not name it"
+                f"{nearest(same, list(told))} (there: {', '.join(told) or 'none'})"
+            )
+        return told[same]["meshes"]
 
     def __repr__(self) -> str:
         summary, contacts = self.summary, list(self.summary["contacts"])

@@ -25,6 +25,7 @@ from ddmpi.petsc.events import event
 from ddmpi.petsc.options import in_force, unused_options, unused_words
 from ddmpi.pictures.browser import write_view
 from ddmpi.results.checkpoint import Checkpoints
+from ddmpi.results.converge import write_converge
 from ddmpi.results.fields import (
     Datasets,
     Fields,
@@ -318,7 +319,8 @@ def conclude(
     summary["discretization_error"]["levels"] = plain([level.told() for level in ladder.levels])
     if bars:
         summary["errors"] = {
-            name: {"value": bar.value, "bar": bar.bar, "word": bar.word, "half": None}
+            name: {"value": bar.value, "bar": bar.bar, "word": bar.word}
+            | {"half": ladder.price(name, 0.5) if bar.bar else None}
             for name, bar in bars.items()
         }
 
@@ -526,8 +528,10 @@ def _describe(
 
 
 def _write_tables(path: Path, solved: Solved) -> None:
-    """Write the tables of load steps, and mechanism.json, on the first rank. Not collective."""
+    """Write the tables of load steps and of meshes, and mechanism.json, on the first rank. Not collective."""
     assembly, steps = solved.assembly, solved.steps
+    if assembly.scene.method.target:
+        write_converge(path, solved.summary)
     write_table(path / "history.csv", HISTORY, steps.iterations)
     write_steps(path, steps.steps)
     if assembly.scene.time:

@@ -11,10 +11,12 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.elements import CELLS
 from ddmpi.methods.outer import Step
+from ddmpi.results.converge import table_of
 from ddmpi.results.summary import (
     as_float,
     count,
     friction_in_words,
+    half_in_words,
     held_in_words,
     largest,
     loose_in_words,
@@ -255,10 +257,21 @@ def log_end(summary: dict, solution: Solution) -> None:
                 f"unknowns ({summary['n']} now)"
             )
     lines += [f"{result}: {with_bar(summary, result)}" for result in summary.get("errors", {})]
+    lines += [half] if (half := half_in_words(summary)) else []
+    lines += _meshes(summary) if len(summary["scene"]["method"]["target"]) == 1 else []
     lines += _some_motions(held_in_words(summary) if not solution.mechanism else [])
     lines += _some_motions(loose_in_words(summary))
     for line in lines:
         log.info("%s", line)
+
+
+def _meshes(summary: dict) -> Iterator[str]:
+    """The meshes of a single target, with its values and bars."""
+    ((result, told),) = table_of(summary).items()
+    yield f"{'unknowns':>10}  {'seconds':>8}  {result}"
+    for mesh in told["meshes"]:
+        words = with_bar(summary, result, mesh)
+        yield f"{mesh['unknowns']:>10}  {mesh['seconds']:>8.2f}  {words}"
 
 
 def _some_motions(lines: list[str]) -> list[str]:

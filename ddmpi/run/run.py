@@ -3,7 +3,7 @@
 import contextlib
 import gc
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,16 @@ from ddmpi.errors import (
     nearest,
 )
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.accuracy import ENERGY, Cost, MeshLadder, Miss, demand, refine_scene, weighted
+from ddmpi.judge.accuracy import (
+    ENERGY,
+    Cost,
+    Demand,
+    MeshLadder,
+    Miss,
+    demand,
+    refine_scene,
+    weighted,
+)
 from ddmpi.judge.bars import UNCERTIFIED, Bar, Measured
 from ddmpi.judge.diagnosis import diagnose, helpful
 from ddmpi.judge.edges import doubt_edges, unbounded
@@ -41,6 +50,7 @@ from ddmpi.judge.plausible import (
     subjects,
 )
 from ddmpi.kept.kept import Kept
+from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import outer_from_outside
@@ -421,10 +431,32 @@ def _another_mesh(
         if name in squares
     }
     demands = merged(world, wanted)
-    if not ladder.proceed(assembly.n, error.relative, dofs, demands, bars, cost):
+    alone = _demands_alone(solved, drawn, bars)
+    if not ladder.proceed(assembly.n, error.relative, dofs, demands, bars, cost, alone):
         return False
     ladder.draw({name: (mesh, squares[name]) for name, mesh in drawn.items()})
     return True
+
+
+def _demands_alone(
+    solved: Solved, drawn: Mapping[str, Mesh], results: Collection[str]
+) -> dict[str, Demand]:
+    """By result the demand of drawn bodies' meshes that are made for it alone. Collective."""
+    world, number = solved.assembly.world, sum(len(mesh.triangles) for mesh in drawn.values())
+    parts = {
+        result: {name: np.abs(solved.errors[result].cells[name]) for name in drawn}
+        for result in results
+        if solved.errors[result].cells
+    }
+    mine = [sum(squares.sum() for squares in part.values()) for part in parts.values()]
+    *sums, cells = world.allreduce(np.array([*mine, number])).tolist()
+    rows = np.zeros((len(parts), 3))
+    for row, total, (result, part) in zip(rows, sums, parts.items(), strict=True):
+        floored = weighted({result: part}, {result: total}, {result: Miss(1.0, 1.0)}, cells)
+        for name, squares in floored.items():
+            row += demand(squares, drawn[name].order, drawn[name].dimension)
+    rows = world.allreduce(rows)
+    return {result: Demand(*row) for result, row in zip(parts, rows.tolist(), strict=True)}
 
 
 def _squares(

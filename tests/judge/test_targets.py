@@ -17,7 +17,18 @@ from scenes import (
 from solid_scenes import two_boxes
 
 import ddmpi
-from ddmpi.judge.accuracy import LADDER, Cost, MeshLadder, Miss, allowed, weighted
+from ddmpi.errors import InputError
+from ddmpi.judge.accuracy import (
+    LADDER,
+    Cost,
+    Level,
+    MeshLadder,
+    Miss,
+    allowed,
+    demand,
+    price_in_words,
+    weighted,
+)
 from ddmpi.judge.bars import COARSE, ENDLESS, LARGEST, UNRESOLVED, Bar
 from ddmpi.scene.reader import read_scene
 
@@ -164,6 +175,116 @@ def test_targets_on_several_ranks():
     for one, (n, bar) in zip(levels(answer), expected, strict=True):
         assert one["n"] == pytest.approx(n, rel=0.03)
         assert one["results"][PIN[0]]["bar"] == pytest.approx(bar, rel=0.3)
+
+
+# What a smaller bar takes
+
+
+def seen(*levels: tuple[float, float], target: dict | None = None, scene: dict | None = None):
+    """A ladder that has been on meshes with these refinements and bars of NORMAL."""
+    ladder = ladder_of(target or {NORMAL: 1e-4}, scene)
+    for refinement, bar in levels:
+        n = round(500 * refinement**2)
+        bars = {NORMAL: Bar(100.0, bar, "", bar)}
+        ladder.levels.append(Level(refinement, n, 0.1, n, bars, Cost(n / 500, 0.0, 5.0 * n, 0.0)))
+    return ladder
+
+
+def test_half_a_bar_takes_what_a_ladder_would():
+    """With the rate that was seen: bars that fall with the square of the size are halved by a third more divisions; the
+    ladder goes there from the first mesh."""
+    price = seen((1, 8.0), (2, 2.0), (4, 0.5)).price(NORMAL, 0.5)
+    assert price is not None
+    last = seen((1, 8.0), (2, 2.0), (4, 0.5)).levels[-1]
+    finest = (price["unknowns"] / last.n) ** 0.5 * 4
+    assert finest == pytest.approx(round(finest)) and 8.0 / finest**2 <= 0.25 < 8.0 / 4**2
+    slow = seen((1, 4.0), (2, 2.0), (4, 1.0)).price(NORMAL, 0.5)
+    assert slow["unknowns"] > price["unknowns"]
+    first = seen((1, 8.0)).price(NORMAL, 0.5)
+    assert 2.0 < first["unknowns"] / 500 < 9.0
+    assert seen((1, 1e-4)).price(NORMAL, 0.5)["unknowns"] == first["unknowns"]
+
+
+def test_there_is_no_price_of_what_no_mesh_has():
+    ladder = seen((1, 8.0))
+    bars = {
+        NORMAL: Bar(100.0, None, UNRESOLVED, 8.0, 2.0),
+        ALONG: Bar(1.0, 2e-3, "", 2e-3, 0.0, 1e-3),
+    }
+    ladder.levels[-1] = ladder.levels[-1]._replace(results=bars)
+    assert ladder.price(NORMAL, 0.5) is None and ladder.price(ALONG, 0.5) is None
+    assert ladder.price(ALONG, 0.6) is not None
+
+
+def test_meshes_of_drawings_cost_what_equal_errors_take():
+    """From the first mesh by the demand of its cells; from there on they share the errors already."""
+    ladder = ladder_of({PIN[0]: 1e-3}, pin_in_lug())
+    cost, bars = Cost(1.0, 0.0, 4e8, 1e8), {PIN[0]: Bar(100.0, 8.0, "", 8.0)}
+    equal = {PIN[0]: demand(np.ones(1000), 2.0, 2)}
+    ladder.proceed(5000, 0.1, 5000, {"pin": equal[PIN[0]]}, bars, cost, equal)
+    price = ladder.price(PIN[0], 0.5)
+    assert price["unknowns"] == pytest.approx(5000 / (0.5 * LADDER["aim drawn"] ** 2) ** 0.5, abs=1)
+    few = {PIN[0]: demand(np.append(np.ones(10), 1e-9 * np.ones(990)), 2.0, 2)}
+    ladder._alone = few
+    assert 0.25 * 5000 < ladder.price(PIN[0], 0.5)["unknowns"] < 0.3 * 5000  # elements grow twofold
+    ladder.levels.append(ladder.levels[0]._replace(n=4000, dofs=4000))
+    again = ladder.price(PIN[0], 0.5)
+    assert again["unknowns"] == pytest.approx(4000 * 2.0**0.5, abs=1)
+    assert again["bytes"] == pytest.approx(1e8 + 3e8 * 2.0**0.5)
+    assert again["seconds"] == pytest.approx(2.0 + (4000 * 2.0**0.5 + 5000) / 9000)
+
+
+def test_factors_in_space_grow_faster_than_the_rest():
+    """Of a mesh of 1,500 unknowns half of the rest is there on any mesh."""
+    seconds, memory = Cost(3.0, 1.0, 5.0, 1.0).of(1500, 8.0, 3)
+    assert seconds == pytest.approx(8.0**1.75 + 2.0 * (8.0 + 1.0) / 2.0)
+    assert memory == pytest.approx(1.0 + 4.0 * 16.0)
+    assert Cost(3.0, 1.0, 5.0, 1.0).of(5000, 1.0, 2) == (3.0, 5.0)
+
+
+def test_a_run_says_what_half_its_bars_take(tmp_path):
+    """In the log, the report and the summary; a run with half the bar takes about as much."""
+    scene = write_scene(
+        pinched_blocks(6) | {"output": {"errors": [NORMAL, ALONG]}}, tmp_path / "s.toml"
+    )
+    done = call("run", str(scene), "--output", str(tmp_path / "out"), "--no-figures")
+    errors = json.loads((tmp_path / "out" / "summary.json").read_text())["errors"]
+    halves = {name: entry["half"] for name, entry in errors.items()}
+    assert f"half of the bar of {NORMAL}, the dearest one, takes about" in done.stdout
+    assert "processor seconds and" in done.stdout
+    assert call("report", str(tmp_path / "out")).code == 0
+    assert price_in_words(halves[ALONG]) in (tmp_path / "out" / "report.html").read_text()
+    for name, half in halves.items():
+        target = {name: {"within": errors[name]["bar"] / 2}}
+        linear = pinched_blocks(6)
+        for each in linear["body"]:
+            each["mesh"]["order"] = 1
+        finer = ddmpi.solve(aiming(target, linear))
+        assert 0.4 < half["unknowns"] / finer.summary["n"] < 2.5
+        assert half["bytes"] > 1e7 and half["seconds"] > 0.0
+
+
+# The command
+
+
+def test_converge_is_a_run_with_one_target(tmp_path):
+    """The table in the log, in converge.json and in Python is that of the meshes; the picture has them."""
+    scene, out = write_scene(pinched_blocks(6), tmp_path / "scene.toml"), tmp_path / "out"
+    done = call("converge", str(scene), "--of", NORMAL, "--within", "0.01", "--output", str(out))
+    assert done.code == 0 and (out / "accuracy.png").exists()
+    told = json.loads((out / "converge.json").read_text())
+    assert told["converged"] and [*told["results"]] == [NORMAL]
+    meshes = told["results"][NORMAL]["meshes"]
+    answer = ddmpi.converge(pinched_blocks(6), of=NORMAL, within=0.01)
+    same = answer.meshes(NORMAL)
+    assert [mesh["unknowns"] for mesh in same] == [mesh["unknowns"] for mesh in meshes]
+    assert meshes[-1]["bar"] <= 0.01 * meshes[-1]["value"] < meshes[-2]["bar"]
+    assert all(f"{mesh['unknowns']:>10}  " in done.stdout for mesh in meshes)
+    with pytest.raises(InputError, match=r"method\.target of the scene does not name it"):
+        answer.meshes(ALONG)
+    missed = call("converge", str(scene), "--of", PEAK, "--output", str(tmp_path / "missed"))
+    assert missed.code == 3 and (tmp_path / "missed" / "converge.json").exists()
+    assert call("converge", str(scene), "--of", NORMAL, "--within", "2").code == 2
 
 
 # The ladder

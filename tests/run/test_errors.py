@@ -43,7 +43,7 @@ def test_every_number_has_a_bar_or_a_word():
         "bodies.lower.von_mises_max",
     ]
     assert all((entry["bar"] is None) == bool(entry["word"]) for entry in errors.values())
-    assert all(entry["half"] is None for entry in errors.values())
+    assert all((entry["half"] is None) == bool(entry["word"]) for entry in errors.values())
     assert errors[FORCE]["value"] == contact["force"][0]
     assert 0.0 < errors[FORCE]["bar"] < abs(errors[FORCE]["value"])
     assert errors[PEAK]["word"] == ENDLESS  # a clamp ends there
