@@ -169,7 +169,8 @@ def compared(
     fields, importer = results.fields, Importer(deck, GIVEN.get(deck.stem, []))
     ours, theirs = [], []
     for number, piece in enumerate(importer.pieces):
-        own = np.unique(fields["cells"][fields["body"] == number])
+        cells = fields["cells"][fields["body"] == number]
+        own = np.unique(cells[cells >= 0])
         place = cKDTree(fields["points"][own][:, : piece.points.shape[1]]).query(piece.points)[1]
         for node, u in zip(piece.nodes.tolist(), fields["displacement"][own][place], strict=True):
             # a node at the section of a bolt is that of one body in the reference

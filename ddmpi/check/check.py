@@ -23,13 +23,21 @@ from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths, locking_of
 from ddmpi.mesh.boundary import parts_of
-from ddmpi.mesh.elements import CELLS, facet_measures
+from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
 from ddmpi.run.gather import drawers
 from ddmpi.run.held import beyond_meshes, motions_to_hold
-from ddmpi.run.report import LISTED, describe_gap, describe_method, grouped, sector_in_words, some
+from ddmpi.run.report import (
+    LISTED,
+    describe_gap,
+    describe_method,
+    grouped,
+    sector_in_words,
+    some,
+    titles,
+)
 from ddmpi.run.run import prepare_scene
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Rigid, SettledContact, both_sides
@@ -282,7 +290,7 @@ def _page(
     scene = assembly.scene
     unit = scene.units
     yield (
-        f"{assembly.n} unknowns ({CELLS[scene.dimension, scene.body[0].mesh.order].title}), {assembly.m} "
+        f"{assembly.n} unknowns ({titles(body.mesh.cell.title for body in bodies.values())}), {assembly.m} "
         f"contact nodes, bodies: {len(bodies)}, ranks: {ranks}; solvers take about "
         f"{bytes_in_words(sum(body.memory for body in bodies.values()))}"
     )

@@ -32,6 +32,7 @@ from ddmpi.pictures.sheet import (
     start_drawing,
 )
 from ddmpi.pictures.views import Paint, Skin, Surface, View
+from ddmpi.results.fields import widened
 from ddmpi.results.tables import Results
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import nodal
@@ -235,7 +236,10 @@ def as_results(
             "points": points,
             "displacement": np.zeros_like(points),
             "cells": np.concatenate(
-                [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
+                [
+                    widened(mesh.triangles + start, max(len(each.cell.nodes) for each in meshes))
+                    for mesh, start in zip(meshes, starts, strict=False)
+                ]
             ),
             "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes]),
         },

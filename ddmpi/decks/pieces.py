@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.cards import EXACT, SIDES, Block, Card, corners, faces, shape
+from ddmpi.decks.cards import EXACT, KEPT, SIDES, Block, Card, corners, faces, shape
 from ddmpi.decks.deck import STRIDE
 
 Cut = tuple[Card, set[tuple[int, int]], np.ndarray, np.ndarray]
@@ -276,6 +276,20 @@ class Piece:
             over = (at >= -EXACT).all(axis=1) & (at.sum(axis=1) <= 1.0 + EXACT)
             found += [float(np.abs((off * normals).sum(axis=1))[over].min())] if over.any() else []
         return np.array(found)
+
+    @property
+    def kept(self) -> bool:
+        """Whether its elements are not cut."""
+        (one, *more) = {shape(block.kind) for block in self.blocks}
+        return one in KEPT and not more
+
+    @property
+    def straight(self) -> bool:
+        """Whether it stays linear: of linear simplices alone, or of linear elements that are not cut."""
+        kinds = {block.kind for block in self.blocks}
+        return all(kind == shape(kind) for kind in kinds) and (
+            self.kept or kinds <= {"triangle", "tetra"}
+        )
 
     def write(self, path: Path) -> None:
         """Write the mesh as an input of Abaqus with sets of nodes, elements, and surfaces of faces; one of the whole

@@ -44,9 +44,6 @@ CUT = {
 }
 """Elements that are cut, and into what."""
 
-LINEAR = ("C3D4", "CPE3", "CPS3", "CAX3")
-"""Elements that stay linear; others are quadratic, or become so."""
-
 METALS = 4e4, 1e6
 """Moduli of metals in MPa, neither in Pa nor in ksi."""
 
@@ -72,8 +69,9 @@ class Importer:
                     self.notes.add("lost", card, f"its parameter {name} is not possible")
         self.cuts: list[Cut] = []
         self.family, blocks = self._elements()
-        self.order = 2 if any(block.name not in LINEAR for block in blocks) else 1
         self.pieces = self._pieces(blocks)
+        self.order = 1 if all(piece.straight for piece in self.pieces) else 2
+        self.integration = {piece.name: self._integration(piece) for piece in self.pieces}
         self.matter = Matter(self.model, self.family)
         self.acts = Acts(self.matter, self.pieces, self.cuts)
 
@@ -113,11 +111,6 @@ class Importer:
                 continue
             families[fits[1]].append(block)
             notes.add("taken", block.card, f"elements of type {name}")
-            if VARIANTS[fits[3]]:
-                notes.add("changed", block.card, f"{name} as {block.name}: {VARIANTS[fits[3]]}")
-            if block.kind in CUT:
-                words = f"cut into quadratic {CUT[block.kind]}: linear ones would be too stiff"
-                notes.add("changed", block.card, f"{block.name} {words}")
         if not families:
             raise InputError(
                 "it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX"
@@ -127,6 +120,41 @@ class Importer:
                 f"it has elements of the families {' and '.join(sorted(families))}; a scene has one"
             )
         return families.popitem()
+
+    def _integration(self, piece: Piece) -> str | None:
+        """The integration of a piece, that of its first elements, with notes of what changes in all."""
+        found = list[str | None]()
+        for block in piece.blocks:
+            integration, words = self._in_scene(block, piece.kept)
+            found.append(integration)
+            if integration != found[0]:
+                words = [f"{block.card.says('TYPE')} as the other elements of its body"]
+            for each in words:
+                self.notes.add("changed", block.card, each)
+        return found[0]
+
+    def _in_scene(self, block: Block, kept: bool) -> tuple[str | None, list[str]]:
+        """The integration that elements have in a scene, and what changes in them; of bodies that are `kept` whole."""
+        name, linear = block.card.says("TYPE"), block.kind in CUT
+        fits = FAMILIES.match(name)
+        assert fits
+        changed = [f"{name} as {block.name}: {VARIANTS[fits[3]]}"] if VARIANTS[fits[3]] else []
+        if not kept:
+            cut = f"{block.name} cut into quadratic {CUT.get(block.kind)}: linear ones would be too stiff"
+            return None, changed + [cut] * linear
+        if self.order > 1:
+            raised = [f"{block.name} becomes quadratic, as other elements are"] * linear
+            little = f"{name}: reduced integration with a thousandth of the full one, against hourglass modes"
+            return ("reduced", [*raised, little]) if "R" in fits[3] else (None, raised)
+        if self.family == "CAX":
+            return None, changed
+        if "I" in fits[3]:
+            return "modes", []
+        if "R" in fits[3]:
+            return "modes", [f"{name}: incompatible modes in place of reduced integration"]
+        return "full", [
+            f'{name}: full integration, which locks in bending; integration = "modes" does not'
+        ]
 
     def _element_sets(self) -> dict[frozenset[int], str]:
         """Names of sets of elements by their members; those of sections first; within instances their names."""
@@ -151,7 +179,13 @@ class Importer:
             bodies.append(
                 {
                     "name": piece.name,
-                    "mesh": {"file": f"{piece.name}.inp", "order": self.order},
+                    "mesh": _filled(
+                        {
+                            "file": f"{piece.name}.inp",
+                            "order": self.order,
+                            "integration": self.integration[piece.name],
+                        }
+                    ),
                     "material": materials[0] if len(materials) == 1 else materials,
                     "clamp": acts.clamps(piece) + sets.clamps[piece.name],
                     "traction": tractions[piece.name] + sets.tractions[piece.name],

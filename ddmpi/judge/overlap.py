@@ -41,7 +41,7 @@ class Solid:
     ----------
     at, moved : (n, d) its nodes (m)
     cells : (c, k) nodes of its cells, linear or quadratic
-    facets : (f, d + 1) linear facets of its boundary, each followed by the opposite corner of its cell
+    facets : (f, d + 1) linear facets of its boundary, each followed by a corner of its cell that is not on it
     numbers : (n,) of the nodes in the body's mesh, ascending
     """
 
@@ -124,8 +124,10 @@ class Solid:
 
 def as_drawn(mesh: Mesh) -> Solid:
     """A body of this mesh that has not moved. Not collective."""
-    d, (facets, owner), facet = mesh.dimension, mesh.boundary, mesh.cell.facet
-    opposite = mesh.corners[owner].sum(axis=1) - facets[:, :d].sum(axis=1)
+    (facets, owner), facet = mesh.boundary, mesh.cell.facet
+    corners = mesh.corners[owner]
+    on_facet = (corners[:, :, None] == facets[:, None, : facet.corners]).any(axis=2)
+    opposite = corners[np.arange(len(corners)), on_facet.argmin(axis=1)]  # one that is not on it
     outer = np.column_stack([facet.split(facets), np.tile(opposite, len(facet.parts))])
     return Solid(mesh.points, mesh.points, mesh.triangles, outer, np.arange(len(mesh.points)))
 

@@ -13,8 +13,8 @@ from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps
 from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
-from ddmpi.mesh.elements import cell_with, invert
-from ddmpi.mesh.mesh import Mesh, signed_measures, tangents
+from ddmpi.mesh.elements import CELLS, cell_with, invert
+from ddmpi.mesh.mesh import Mesh, tangents
 from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import both_sides
 from ddmpi.scene.scene import Settled
@@ -38,6 +38,8 @@ LIMIT = {
     "light": 1e-8,  # _unresolved: least forces on a loose body, over the loads of another body
     "rounding": 1e-6,  # _lost_in_rounding: contact forces by rounding of the displacements, over the largest
     "undecided": 1e-9,  # the same: largest gap of an open contact, over the displacements; by rounding up to 1e-13
+    "skewed": 3.0,  # doubt_cells: largest over least Jacobian of a brick; trapezoids with sides 1.7 and 0.3 have 5.7
+    "many": 0.1,  # and the part of such bricks in a body
     "idle": 1e-6,  # doubt_answer: least force of a contact, over that of all, for doubts of its forces
     # of contacts; in good answers the first two are up to 0.12
     "between": 0.25,  # _overlap_between: overlap between nodes over the displacement by contact forces
@@ -69,26 +71,41 @@ def locking_of(scene: Settled) -> list[str]:
 
 
 def qualities(mesh: Mesh) -> np.ndarray:
-    """(nt,) measures of cells over those of regular ones with edges as long in the mean: 1 for a regular cell, 0 for a
-    degenerate one. Not collective."""
+    """(nt,) measures of cells, of bricks by their least Jacobian, over those of regular ones with edges as long in the
+    mean: 1 for a regular cell, 0 for a degenerate one. Not collective."""
     mean = np.sqrt((edge_lengths(mesh) ** 2).mean(axis=1))
-    return signed_measures(mesh.points, mesh.corners) / (mesh.cell.regular * mean**mesh.dimension)
+    return _jacobians(mesh).min(axis=0) / (mesh.cell.regular * mean**mesh.dimension)
+
+
+def _jacobians(mesh: Mesh) -> np.ndarray:
+    """(q, nt) measures of straight cells by their tangents: of simplices once, of bricks at all corners."""
+    cell = mesh.cell.straight
+    hats = cell.middle if cell.simplex else cell.nodes
+    return cell.map(mesh.points[mesh.corners], hats).measures
 
 
 def doubt_cells(mesh: Mesh, name: str) -> str:
-    """A warning of thin cells of a body's mesh; empty if there are none. Not collective."""
-    quality = qualities(mesh)
+    """A warning of thin cells of a body's mesh, or else of many bricks that are far from parallelepipeds; empty if there
+    are none. Not collective."""
+    quality, sizes, words = qualities(mesh), _jacobians(mesh), mesh.cell.names
     worst, poor = int(quality.argmin()), int((quality < LIMIT["thin"]).sum())
-    return (
-        Doubt(
-            f"body.{name}.mesh: {poor} of {len(quality)} {mesh.cell.names} are thin: the one at "
+    if poor:
+        return Doubt(
+            f"body.{name}.mesh: {poor} of {len(quality)} {words} are thin: the one at "
             f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of "
             "a regular one; stresses are poor there",
             "thin",
             -float(quality[worst]),
         )
-        if poor
-        else ""
+    skewed = int((sizes.max(axis=0) > LIMIT["skewed"] * sizes.min(axis=0)).sum())
+    if skewed <= LIMIT["many"] * len(quality):
+        return ""
+    simplices = CELLS[mesh.dimension, 1].names
+    return Doubt(
+        f"body.{name}.mesh: {skewed} of {len(quality)} {words} are far from parallelepipeds, and bend too stiffly; with "
+        f"cut = true and order = 2 those of a file are {simplices}, which are better there",
+        "skewed",
+        skewed / len(quality),
     )
 
 

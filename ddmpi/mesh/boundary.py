@@ -6,16 +6,15 @@ import functools
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError, naming, nearest
-from ddmpi.mesh.elements import CELLS, cell_with, normals
+from ddmpi.mesh.elements import CELLS, Cell, cell_with, normals
 from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh, boundary_facets
-from ddmpi.mesh.refine import KINDS, distinct, middle_nodes, simplices
+from ddmpi.mesh.refine import KINDS, bricks, distinct, middle_nodes, simplices
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.system.numbers import across, in_words
 
@@ -362,25 +361,26 @@ def where(gmsh, k: int, tag: int) -> str:
 
 
 def file_groups(
-    raw, label: str, cells: np.ndarray, part: bool = False
+    raw, label: str, cells: np.ndarray, cell: Cell, part: bool = False
 ) -> tuple[dict[str, np.ndarray], ...]:
-    """By name the facets (·, d) of each group of the boundary, in space the lines (·, 2) of curves, and nodes.
+    """By name the facets (·, l) of each group of the boundary, in space the lines (·, 2) of curves, and nodes, of a body
+    with these straight `cells` (nt, c).
 
     Of a set of nodes the facets, or else the lines, and in any case its nodes. If the `cells` are a `part` of the file,
     only what belongs to them. Raises InputError where there is no group.
     """
-    d, kinds = cells.shape[1] - 1, list[dict[str, np.ndarray]]()
+    d, kinds = cell.dimension, list[dict[str, np.ndarray]]()
     for dimension in range(d - 1, 0, -1):
-        parts, _, element = simplices(raw, dimension, raw.points)
+        parts, _, element = (simplices if cell.simplex else bricks)(raw, dimension, raw.points)
         if part:
-            own = _sides_of(cells, parts)
+            own = _sides_of(cells, cell, parts)
             parts, element = parts[own], element[own]
         groups = {}
         for name, members in file_members(raw, dimension).items():
             facets = parts[np.isin(element, members)]
             groups[name] = facets[distinct(facets)[0]]
         kinds.append(groups)
-    alone = {} if raw.field_data else _add_sets(raw, cells, kinds)
+    alone = {} if raw.field_data else _add_sets(raw, cells, cell, kinds)
     points_of = raw.cells_dict.get("vertex", np.empty((0, 1), int))[:, 0]
     alone |= {name: np.unique(points_of[members]) for name, members in file_members(raw, 0).items()}
     if not any((*kinds, alone)):
@@ -394,24 +394,27 @@ def file_groups(
     return kinds[0], {} if d == 2 else kinds[1], alone
 
 
-def _sides_of(cells: np.ndarray, parts: np.ndarray) -> np.ndarray:
-    """(k,) bool, which lines or facets (k, l) are sides or edges of `cells` (nt, d + 1)."""
+def _sides_of(cells: np.ndarray, cell: Cell, parts: np.ndarray) -> np.ndarray:
+    """(k,) bool, which lines or facets (k, l) are sides or edges of `cells` (nt, c)."""
     size = parts.shape[1]
-    of_cells = cells[:, list(combinations(range(cells.shape[1]), size))].reshape(-1, size)
+    of_cells = cells[:, cell.edges if size == 2 else cell.facets].reshape(-1, size)
     both = np.sort(np.concatenate([of_cells, parts]), axis=1)
     number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
     return np.isin(number[len(of_cells) :], number[: len(of_cells)])
 
 
 def _add_sets(
-    raw, cells: np.ndarray, kinds: Sequence[dict[str, np.ndarray]]
+    raw, cells: np.ndarray, cell: Cell, kinds: Sequence[dict[str, np.ndarray]]
 ) -> dict[str, np.ndarray]:
     """The sets of nodes of a file by name; to the facets, and lines, of groups those of each set that has some."""
     if not raw.point_sets:
         return {}
-    facets = boundary_facets(cells)[0]
-    sides = [facets, facets[:, CELLS[cells.shape[1] - 2, 1].edges].reshape(-1, 2)]
-    sides = [np.unique(np.sort(pieces, axis=1), axis=0) for pieces in sides[: len(kinds)]]
+    facets = boundary_facets(cells, cell.dimension)[0]
+    sides = [facets, facets[:, cell.facet.edges].reshape(-1, 2)][: len(kinds)]
+    sides = [
+        pieces if pieces.shape[1] > 3 else np.unique(np.sort(pieces, axis=1), axis=0)
+        for pieces in sides
+    ]
     alone: dict[str, np.ndarray] = {}
     for name, nodes in raw.point_sets.items():
         if name in raw.cell_sets:

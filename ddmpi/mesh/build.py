@@ -22,6 +22,7 @@ from ddmpi.mesh.refine import Sizes, halve, raise_order
 from ddmpi.mesh.shapes import SHAPES
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.given import GIVEN
+from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.values import WHERE
 from ddmpi.system.memory import free_memory
 from ddmpi.system.numbers import ROUNDING, in_words
@@ -63,7 +64,8 @@ def build_mesh(
     Not collective. Raises InputError.
     """
     spec, key = body.mesh, f"body.{body.name}.mesh"
-    mesh = _made(body, folder, contacts, sizes)
+    mesh = replace(_made(body, folder, contacts, sizes), integration=spec.integration or "")
+    _refuse_integration(spec, mesh, f"{key}.integration", axisymmetric)
     if dimension not in (None, mesh.dimension):
         raise InputError(
             f"{key}: the mesh is {WHERE[mesh.dimension]}, and the scene is {WHERE[dimension or 2]}"
@@ -87,6 +89,19 @@ def build_mesh(
     return mesh
 
 
+def _refuse_integration(spec: MeshSpec, mesh: Mesh, key: str, axisymmetric: bool) -> None:
+    """Raise InputError where a mesh has another integration than its cells, their order or an axis allow."""
+    order, words = {"modes": 1, "reduced": 2}.get(spec.integration or ""), ""
+    if spec.integration and mesh.cell.simplex:
+        words = f"belongs to bodies of quadrilaterals or hexahedra alone; this one has {mesh.cell.names}"
+    elif order not in (None, spec.order):
+        words = f'= "{spec.integration}" belongs to order = {order}; leave it out, or write "full"'
+    elif spec.integration == "modes" and axisymmetric:
+        words = '= "modes" is not for axisymmetric bodies, in which constant stresses would do work in them; leave it out'
+    if words:
+        raise InputError(f"{key} {words}")
+
+
 def _made(body: BodySpec, folder: Path, contacts: Collection[str], sizes: Sizes | None) -> Mesh:
     """The mesh as it is generated, read or drawn. Raises InputError."""
     spec, key = body.mesh, f"body.{body.name}.mesh"
@@ -99,7 +114,8 @@ def _made(body: BodySpec, folder: Path, contacts: Collection[str], sizes: Sizes 
         from ddmpi.mesh.read import read_mesh
 
         part = None if spec.part is None else str(spec.part)
-        return read_mesh(locate_mesh(body, folder), body.name, spec.order or 1, part=part)
+        path = locate_mesh(body, folder)
+        return read_mesh(path, body.name, spec.order or 1, part=part, cut=spec.cut)
     assert spec.divisions
     d = len(spec.divisions)
     cells = float(factorial(d) * np.prod(spec.divisions, dtype=float))

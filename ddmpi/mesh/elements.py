@@ -60,6 +60,12 @@ class Shape:
     def edges(self) -> list[tuple[int, int]]:
         return SIDES.get(self.kind, [])
 
+    @property
+    def mirrored(self) -> list[int]:
+        """The corners of a mirror image, in which the last two vertices of the last factor are exchanged."""
+        swap = [*range(self.factors[-1] - 1), self.factors[-1], self.factors[-1] - 1]
+        return [self.corners.index((*rest, swap[last])) for *rest, last in self.corners]
+
 
 CUTS = {
     1: np.array([[[0, 2], [2, 1]]]),
@@ -310,8 +316,7 @@ class Cell:
     def warps(self, nodes: np.ndarray) -> np.ndarray:
         """How far (t,) nodes (t, k, D) (m) are from where the affine map with the tangents of the middle has them, over
         the cell's diagonal."""
-        rest, _ = self._bases
-        away = (self.nodes - self.middle) @ self._vertices[:, rest]
+        away = self.parameters(self.nodes - self.middle)
         tangents = self.tangents(nodes, self.middle)[:, :, 0]
         affine = self.shapes(self.middle) @ nodes + np.einsum("ka,adt->tkd", away, tangents)
         size = np.linalg.norm(np.ptp(nodes, axis=1), axis=1)
@@ -376,6 +381,17 @@ class Cell:
     def _scale(self, degree: int) -> float:
         """∫ λ^α / α! for exponents that sum up to `degree` on each factor, over a cell of measure one."""
         return prod(factorial(d) / factorial(d + degree) for d in self.shape.factors)
+
+    def coordinates(self, parameters: np.ndarray) -> np.ndarray:
+        """The barycentric coordinates (…, v) in all factors at λ_1, λ_2, … (…, d) of each."""
+        ends = np.cumsum(self.shape.factors)[:-1]
+        parts = np.split(parameters, ends, axis=-1)
+        both = [(1.0 - part.sum(axis=-1, keepdims=True), part) for part in parts]
+        return np.concatenate([each for pair in both for each in pair], axis=-1)
+
+    def parameters(self, hats: np.ndarray) -> np.ndarray:
+        """λ_1, λ_2, … (…, d) of each factor at points given by the hats (…, c) there."""
+        return (hats @ self._vertices)[..., self._bases[0]]
 
     def hats_at(self, coordinates: np.ndarray) -> np.ndarray:
         """The hats (…, c) at points given by the barycentric coordinates (…, v) in all factors."""

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import combinations
 from typing import NamedTuple, TypeVar
 
 import numpy as np
@@ -17,7 +16,7 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.errors import InputError, nearest
-from ddmpi.mesh.elements import CELLS, Cell, Mapped, cell_with, cross
+from ddmpi.mesh.elements import Cell, Mapped, cell_with, cross
 from ddmpi.system.numbers import Frame, in_words
 
 T = TypeVar("T")
@@ -369,11 +368,13 @@ def tangents(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 def refuse_overlaps(mesh: Mesh, label: str) -> None:
     """Raise InputError, after `label`, where two cells lie on the same side of a facet. Not collective."""
-    d = mesh.dimension
-    facets = mesh.corners[:, CELLS[d, 1].facets].reshape(-1, d)
-    # Two cells on either side of a facet traverse it in opposite directions. Equal corners with equal parity are two
-    # cells on the same side.
-    odd = sum(facets[:, i] > facets[:, j] for i, j in combinations(range(d), 2)) % 2
+    of_cell = mesh.cell.straight.facets
+    facets = mesh.corners[:, of_cell].reshape(-1, of_cell.shape[1])
+    # Two cells on either side of a facet traverse it in opposite directions. Equal corners with equal direction, from the
+    # lowest node to the lower or the higher one beside it, are two cells on the same side.
+    lowest, number = facets.argmin(axis=1), facets.shape[1]
+    after, before = (facets[np.arange(len(facets)), (lowest + k) % number] for k in (1, -1))
+    odd = lowest if number == 2 else after > before
     keys = np.vstack([np.sort(facets, axis=1).T, odd])
     order = np.lexsort(keys)
     twice = order[:-1][(np.diff(keys[:, order]) == 0).all(axis=0)]

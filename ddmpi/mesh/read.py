@@ -14,13 +14,23 @@ from pathlib import Path
 
 import numpy as np
 
+from ddmpi.decks.cards import KEPT
 from ddmpi.decks.deck import Deck
 from ddmpi.errors import DdmpiError, InputError, InterruptionError, nearest
 from ddmpi.mesh.boundary import file_groups, file_members, set_nodes
-from ddmpi.mesh.elements import CELLS
+from ddmpi.mesh.elements import BRICKS, CELLS, Cell
 from ddmpi.mesh.mesh import MEASURE, PHYSICAL, Mesh, refuse_overlaps, signed_measures
 from ddmpi.mesh.nodes import of_elements, refuse_lost_nodes, refuse_lost_numbers, refuse_repeated
-from ddmpi.mesh.refine import KINDS, SIMPLICES, bend, distinct, raise_order, simplices
+from ddmpi.mesh.refine import (
+    KINDS,
+    SIMPLICES,
+    are_bricks,
+    bend,
+    bricks,
+    distinct,
+    raise_order,
+    simplices,
+)
 from ddmpi.scene.given import GIVEN, Given
 from ddmpi.scene.values import LARGEST
 from ddmpi.system import interrupt
@@ -47,29 +57,31 @@ FLAT = 1e-14
 
 
 def read_mesh(
-    path: Path, body: str, order: int = 1, label: str = "", part: str | None = None
+    path: Path,
+    body: str,
+    order: int = 1,
+    label: str = "",
+    part: str | None = None,
+    cut: bool = False,
 ) -> Mesh:
-    """Read triangles or tetrahedra, the groups of the boundary and points from a mesh file, as a mesh of the `order`.
+    """Read the cells, the groups of the boundary and points from a mesh file, as a mesh of the `order`.
 
     In order 2 the edges of second-order elements are curved as they are in the file; in order 1 only corners are kept.
-    Edges of first-order elements are straight. Quadrilaterals are cut into triangles; hexahedra, prisms and pyramids
-    into tetrahedra. Groups are physical groups of gmsh, sets of elements, and sets of nodes: the facets on the boundary
-    whose corners are in the set, or else in space its edges, and the nodes that these do not have. In formats without
-    names of groups (MSH 1.0, VTK) a group is called by its number. With a `part` only the elements of this group, and
-    the groups on their boundary. Errors begin with `label`. Not collective. Raises InputError for a file that cannot be
-    read, that has other elements or no named boundary groups, or is degenerate, and for a part that is not there.
+    Edges of first-order elements are straight. A body of quadrilaterals alone keeps them, see `are_bricks`, unless
+    they are to be `cut`; others are cut into triangles, and hexahedra, prisms and pyramids into tetrahedra. Groups
+    are physical groups of gmsh, sets of elements, and sets of nodes: the facets on the boundary whose corners are in
+    the set, or else in space its edges, and the nodes that these do not have. In formats without names of groups (MSH
+    1.0, VTK) a group is called by its number. With a `part` only the elements of this group, and the groups on their
+    boundary. Errors begin with `label`. Not collective. Raises InputError for a file that cannot be read, that has
+    other elements or no named boundary groups, or is degenerate, and for a part that is not there.
     """
     label = label or f"body.{body}.mesh.file: {path}"
     raw = _load(path, label, part)
     d, _ = _kind(raw)
-    kind = CELLS[d, order]
     _refuse_other(raw, part, label)
     some = None if part is None else _members(raw, d, part, label)
     _refuse_nodes(raw, list(of_elements(raw, d, some)), d, label)
-    cells, bends, element = simplices(raw, d, raw.points[:, :d], not kind.linear)
-    if some is not None:
-        own = np.isin(element, some)
-        cells, bends, element = cells[own], bends[own], element[own]
+    kind, cells, bends, element = _elements(raw, d, order, some, cut)
     if len(cells) == 0:
         raise InputError(
             f"{label} has neither triangles nor tetrahedra; gmsh saves only elements in physical groups: "
@@ -77,7 +89,7 @@ def read_mesh(
         )
     first, place = distinct(cells)
     cells, bends = cells[first], bends[first]
-    groups, curves, vertices = file_groups(raw, label, cells, part is not None)
+    groups, curves, vertices = file_groups(raw, label, cells, kind.straight, part is not None)
     surfaces = {
         name: np.unique(place[np.isin(element, members)])
         for name, members in file_members(raw, d).items()
@@ -85,23 +97,38 @@ def read_mesh(
     used, renumbered = np.unique(cells, return_inverse=True)
     number = np.full(len(raw.points), -1)
     number[used] = np.arange(len(used))
-    points, cells = np.asarray(raw.points[used, :d], float), renumbered.reshape(-1, d + 1)
+    points, cells = np.asarray(raw.points[used, :d], float), renumbered.reshape(cells.shape)
     groups = {name: number[facets] for name, facets in groups.items()}
     curves = {name: number[lines] for name, lines in curves.items()}
     curves = {name: lines[(lines >= 0).all(axis=1)] for name, lines in curves.items()}
     if any((facets < 0).any() for facets in groups.values()):
         raise InputError(f"{label} has boundary {kind.facet.names} that belong to no {kind.name}")
-    turned = _inverted(points, cells, label)
-    swap = [*range(d - 1), d, d - 1]
+    turned, swap = _inverted(points, cells, label), kind.shape.mirrored
     cells[turned] = cells[turned][:, swap]
     mesh = Mesh(
-        points, cells, groups, surfaces=surfaces, cut=_cut(raw, d, element[first]), curves=curves
+        points,
+        cells,
+        groups,
+        surfaces=surfaces,
+        cut=_cut(raw, d, element[first]) * kind.simplex,
+        curves=curves,
     )
     refuse_overlaps(mesh, label)
     ends = [sorted(swap[k] for k in corners) for corners in kind.between]
     bends[turned] = bends[turned][:, [ends.index(sorted(corners)) for corners in kind.between]]
     mesh = bend(raise_order(mesh, f"body.{body}.mesh", order), bends)
     return replace(mesh, vertices=set_nodes(raw, mesh, number, vertices))
+
+
+def _elements(
+    raw, d: int, order: int, some: np.ndarray | None, cut: bool
+) -> tuple[Cell, np.ndarray, np.ndarray, np.ndarray]:
+    """The reference cell, and what `bricks` or `simplices` give of all elements of dimension d, or of `some`."""
+    whole = BRICKS[d, 1].shape.kind in KEPT and not cut and are_bricks(raw, d, some)
+    kind, elements = (BRICKS[d, order], bricks) if whole else (CELLS[d, order], simplices)
+    cells, bends, element = elements(raw, d, raw.points[:, :d], not kind.linear)
+    own = slice(None) if some is None else np.isin(element, some)
+    return kind, cells[own], bends[own], element[own]
 
 
 def _refuse_other(raw, part: str | None, label: str) -> None:

@@ -10,7 +10,7 @@ from scipy.sparse import csgraph
 
 from ddmpi.decks.cards import FACES, SIDES
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import CELLS, CUTS, cell_with
+from ddmpi.mesh.elements import BRICKS, CELLS, CUTS, Cell, cell_with, cross
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.system.numbers import SAME
 
@@ -108,11 +108,13 @@ def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
 
 
 def halve(mesh: Mesh, key: str) -> Mesh:
-    """The mesh of the same order with every edge halved: every triangle cut into four, every tetrahedron into eight.
+    """The mesh of the same order with every edge halved: every cell in the plane cut into four, in space into eight.
 
     The octahedron within a tetrahedron is cut around its shortest diagonal (Bey 1995). Curved cells are cut along their
     maps. Not collective. Raises InputError as `raise_order` does.
     """
+    if not mesh.cell.simplex:
+        return _halved_bricks(mesh, key)
     fine, d, ways = raise_order(mesh, key), mesh.dimension, CUTS[mesh.dimension]
     lengths = np.linalg.norm(
         np.diff(fine.points[fine.triangles[:, ways[:, -1, :2]]], axis=2)[:, :, 0], axis=2
@@ -126,10 +128,7 @@ def halve(mesh: Mesh, key: str) -> Mesh:
         triangles=np.take_along_axis(fine.triangles[:, None], parts, axis=2).reshape(-1, d + 1),
         groups={name: fine.cell.facet.split(facets) for name, facets in fine.groups.items()},
         curves={name: CELLS[1, fine.order].split(lines) for name, lines in fine.curves.items()},
-        surfaces={
-            name: (number * members[:, None] + np.arange(number)).ravel()
-            for name, members in mesh.surfaces.items()
-        },
+        surfaces=_of_parts(mesh, number),
     )
     shapes = mesh.cell.shapes(mesh.cell.nodes @ fine.cell.nodes[ways])  # at the nodes of the parts
     shares = mesh.cell.bends(shapes, 0.0)[
@@ -141,6 +140,68 @@ def halve(mesh: Mesh, key: str) -> Mesh:
             shares[way[cells]] @ mesh.cell.bends(mesh.points[mesh.triangles[cells]])[:, None]
         )
     return bend(raise_order(halved, key, mesh.order), bends.reshape(len(halved.triangles), -1, d))
+
+
+def _lattice(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
+    """Hats (3^d, c) of a product of lines at the corners of its halves, and the numbers (2^d, c) of these corners."""
+    d, corners = cell.dimension, np.array(cell.shape.corners)
+    at = np.indices((3,) * d).reshape(d, -1, 1) / 2
+    parts = np.indices((2,) * d).reshape(d, -1, 1) + corners.T[:, None]
+    hats = cell.hats_at(np.concatenate([1.0 - at, at], axis=2).swapaxes(0, 1).reshape(-1, 2 * d))
+    return hats, np.ravel_multi_index(tuple(parts), (3,) * d)
+
+
+def _halved_bricks(mesh: Mesh, key: str) -> Mesh:
+    """`halve` of products of lines. A new node is known by the corners whose mean it is, of an edge, a face or a cell."""
+    raise_order(mesh, key)  # groups are sides of cells
+    cell, d = mesh.cell, mesh.dimension
+    groups, curves = mesh.groups, mesh.curves
+    every = [
+        (cell.straight, mesh.triangles),
+        *((cell.facet.straight, facets) for facets in groups.values()),
+        *((CELLS[1, 1], lines) for lines in curves.values()),
+    ]
+    rows = list[np.ndarray]()
+    for of, cells in every:
+        of_corners = np.where(_lattice(of)[0] > 0.0, cells[:, None, : of.corners], -1)
+        short = cell.corners - of.corners
+        wide = np.pad(of_corners, ((0, 0), (0, 0), (0, short)), constant_values=-1)
+        rows.append(np.sort(wide.reshape(-1, cell.corners), axis=1))
+    _, first, number = np.unique(
+        np.concatenate(rows), axis=0, return_index=True, return_inverse=True
+    )
+    numbers = np.split(number.ravel(), np.cumsum(list(map(len, rows)))[:-1])
+    of_parts = [
+        found.reshape(len(cells), -1)[:, _lattice(of)[1]]
+        for (of, cells), found in zip(every, numbers, strict=True)
+    ]
+    sides = [
+        each.swapaxes(0, 1).reshape(-1, each.shape[2]) for each in of_parts[1:]
+    ]  # first parts first
+    nodes, (hats, parts) = mesh.points[mesh.triangles], _lattice(cell)
+    same = (cell.nodes[:, None] == hats).all(axis=2).argmax(axis=1)
+    renumbered = np.empty(len(mesh.points), int)
+    renumbered[mesh.triangles] = numbers[0].reshape(len(nodes), -1)[:, same]
+    halved = replace(
+        mesh,
+        points=(cell.shapes(hats) @ nodes).reshape(-1, d)[first],
+        triangles=of_parts[0].reshape(-1, cell.corners),
+        groups=dict(zip(groups, sides, strict=False)),
+        curves=dict(zip(curves, sides[len(groups) :], strict=True)),
+        vertices={name: renumbered[some] for name, some in mesh.vertices.items()},
+        surfaces=_of_parts(mesh, len(parts)),
+    )
+    places = cell.shapes(cell.nodes @ hats[parts]) @ nodes[:, None]
+    bends = cell.bends(places).reshape(len(halved.triangles), -1, d)
+    return bend(raise_order(halved, key, mesh.order), bends)
+
+
+def _of_parts(mesh: Mesh, number: int) -> dict[str, np.ndarray]:
+    """The surfaces of a mesh by the numbers of the parts of its cells, of which each has this number."""
+    return {
+        name: (number * members[:, None] + np.arange(number)).ravel()
+        for name, members in mesh.surfaces.items()
+    }
 
 
 def simplices(
@@ -170,6 +231,44 @@ def simplices(
         element.append(before + np.repeat(np.arange(len(corners)), parts.shape[1]))
         before += len(corners)
     return np.concatenate(cells), np.concatenate(bows), np.concatenate(element)
+
+
+def bricks(
+    raw, d: int, points: np.ndarray, curved: bool = False
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The same as `simplices` gives, of the quadrilaterals or hexahedra of dimension d, or lines, uncut."""
+    cell, before = BRICKS[d, 2], 0
+    cells, bows, element = [], [], []
+    for kind in KINDS[d]:
+        shape, corners, middles = _of_kind(raw, kind)
+        if shape == cell.shape.kind:
+            bow = np.zeros((len(corners), len(cell.between) * curved, points.shape[1]))
+            if curved and kind != shape:
+                ends = corners[:, cell.between]
+                chords = points[np.concatenate([ends, middles[..., None]], axis=2)]
+                bow = CELLS[1, 2].bends(chords, SAME)[:, :, 0]
+            cells.append(corners)
+            bows.append(bow)
+            element.append(before + np.arange(len(corners)))
+        before += len(corners)
+    return np.concatenate(cells), np.concatenate(bows), np.concatenate(element)
+
+
+def are_bricks(raw, d: int, some: np.ndarray | None) -> bool:
+    """Whether all elements of dimension d, or `some` of them, counted through all KINDS, are quadrilaterals, or
+    hexahedra, whose maps by their corners turn nowhere."""
+    cell, kinds = BRICKS[d, 1], list(KINDS[d])
+    number = [len(raw.cells_dict.get(kind, ())) for kind in kinds]
+    kind = np.repeat(np.arange(len(kinds)), number)
+    own = {kinds[k].rstrip("0123456789") for k in np.unique(kind if some is None else kind[some])}
+    if own != {cell.shape.kind}:
+        return False
+    corners, _, element = bricks(raw, d, raw.points)
+    if some is not None:
+        corners = corners[np.isin(element, some)]
+    tangents = cell.tangents(raw.points[corners][..., :d], cell.nodes)
+    turn = (tangents[0] * cross(tangents[1:])).sum(axis=0)
+    return bool(((turn > 0.0).all(axis=0) | (turn < 0.0).all(axis=0)).all())
 
 
 def _of_kind(raw, kind: str) -> tuple[str, np.ndarray, np.ndarray]:

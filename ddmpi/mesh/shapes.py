@@ -9,6 +9,7 @@ from itertools import permutations
 
 import numpy as np
 
+from ddmpi.mesh.elements import BRICKS
 from ddmpi.mesh.mesh import Mesh, boundary_facets
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.meshes import MeshSpec
@@ -17,7 +18,7 @@ from ddmpi.scene.meshes import MeshSpec
 def generate_rectangle(spec: MeshSpec) -> Mesh:
     """A rectangle or a box; touching ones of equal divisions match. Not collective."""
     assert spec.divisions and isinstance(spec.size, tuple)  # checked by the scene
-    parameters, cells, sides = _grid(spec.divisions)
+    parameters, cells, sides = _grid(spec.divisions, spec.elements)
     # Exact multiples, so that both sides of an interface agree.
     return Mesh(
         np.array(spec.origin or (0.0,) * len(spec.size)) + parameters * spec.size, cells, sides
@@ -32,7 +33,7 @@ def generate_quadrilateral(spec: MeshSpec) -> Mesh:
     Where the sides are parallel to the axes, nodes are those of a rectangle. Not collective.
     """
     assert spec.divisions and spec.corners
-    parameters, cells, sides = _grid(spec.divisions)
+    parameters, cells, sides = _grid(spec.divisions, spec.elements)
     x, y, *z = parameters.T[:, :, None]
     layers = [
         _between(_between(one, two, x), _between(four, three, x), y)
@@ -50,11 +51,11 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
     """
     assert spec.divisions and spec.center and spec.radii and spec.angles
     around, across = spec.divisions
-    parameters, triangles, sides = _grid((across, around), spec.closed)
+    parameters, cells, sides = _grid((across, around), spec.elements, spec.closed)
     names = {"left": "inner", "right": "outer", "bottom": "start", "top": "end"}
     mesh = Mesh(
         parameters,
-        triangles,
+        cells,
         {
             name: sides[side]
             for side, name in names.items()
@@ -101,50 +102,55 @@ def draw_shape(gmsh, spec: MeshSpec) -> None:
         gmsh.model.addPhysicalGroup(2, faces, name=name)
 
 
-def _solid_grid(divisions: Sequence[int]) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """Nodes (·, 3) of a grid on the unit cube, tetrahedra, and the triangles of its sides ``left`` and ``right`` (x),
+def _solid_grid(
+    divisions: Sequence[int], elements: str | None
+) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """Nodes (·, 3) of a grid on the unit cube, its cells, and the facets of its sides ``left`` and ``right`` (x),
     ``front`` and ``back`` (y), ``bottom`` and ``top`` (z).
 
-    Each cell is cut into the six tetrahedra around its diagonal from the corner of least to that of greatest
-    coordinates, one for each order in which a way along edges takes the axes (Kuhn 1960). Neighbours fit.
+    Unless elements are bricks, each cell is cut into the six tetrahedra around its diagonal from the corner of least to
+    that of greatest coordinates, one for each order in which a way along edges takes the axes (Kuhn 1960). Neighbours fit.
     """
     number = np.arange(np.prod([n + 1 for n in divisions])).reshape([n + 1 for n in divisions])
-    cells = [
-        [
-            number[
-                tuple(slice(step, n + step) for step, n in zip(corner, divisions, strict=True))
-            ].ravel()
-            for corner in np.cumsum([(0, 0, 0), *np.eye(3, dtype=int)[list(order)]], axis=0)
-        ]
-        for order in permutations(range(3))
-    ]
-    cells = np.stack(cells, axis=0).transpose(2, 0, 1)  # (cells of the grid, 6, 4)
-    odd = [np.linalg.det(np.eye(3)[list(order)]) < 0 for order in permutations(range(3))]
-    cells[:, odd] = cells[:, odd][:, :, [0, 2, 1, 3]]
-    tetrahedra = cells.reshape(-1, 4)
+
+    def at(corner: np.ndarray) -> np.ndarray:
+        """The nodes at this corner of all cells of the grid."""
+        ends = zip(corner, divisions, strict=True)
+        return number[tuple(slice(step, n + step) for step, n in ends)].ravel()
+
+    if elements == "bricks":
+        cells = np.stack([at(corner) for corner in np.array(BRICKS[3, 1].shape.corners)], axis=1)
+    else:
+        ways = [np.eye(3, dtype=int)[list(order)] for order in permutations(range(3))]
+        paths = [np.cumsum([(0, 0, 0), *way], axis=0) for way in ways]
+        cells = np.stack([[at(corner) for corner in path] for path in paths]).transpose(2, 0, 1)
+        odd = [np.linalg.det(way) < 0 for way in ways]
+        cells[:, odd] = cells[:, odd][:, :, [0, 2, 1, 3]]
+        cells = cells.reshape(-1, 4)
     places = np.stack(np.unravel_index(np.arange(number.size), number.shape), axis=1)
     outer, names, sides = (
-        boundary_facets(tetrahedra)[0],
+        boundary_facets(cells, 3)[0],
         ("left", "right", "front", "back", "bottom", "top"),
         {},
     )
     for k, name in enumerate(names):
         axis, end = k // 2, (k % 2) * divisions[k // 2]
         sides[name] = outer[(places[outer][:, :, axis] == end).all(axis=1)]
-    return places / np.array(divisions), tetrahedra, sides
+    return places / np.array(divisions), cells, sides
 
 
 def _grid(
-    divisions: Sequence[int], closed: bool = False
+    divisions: Sequence[int], elements: str | None, closed: bool = False
 ) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
-    """In space `_solid_grid`; in the plane the nodes (·, 2) of a grid on the unit square, triangles of its cells, and
-    the edges of its sides ``bottom``, ``right``, ``top`` and ``left``. Diagonals go from lower left to upper right.
+    """In space `_solid_grid`; in the plane the nodes (·, 2) of a grid on the unit square, its cells, bricks or cut into
+    triangles, and the edges of its sides ``bottom``, ``right``, ``top`` and ``left``. Diagonals go from lower left to
+    upper right.
 
     Corners come first, then the other nodes of the sides, both counter-clockwise, then the inner nodes by columns: the
     numbers that gmsh gives a transfinite surface; MUMPS's ordering depends on them. If `closed`, the top is the bottom.
     """
     if len(divisions) > 2:
-        return _solid_grid(divisions)
+        return _solid_grid(divisions, elements)
     sizes = np.array(divisions) + 1
     grid = np.arange(sizes.prod()).reshape(sizes)
     if closed:
@@ -163,12 +169,14 @@ def _grid(
         number[grid[1:, 1:]],
         number[grid[:-1, 1:]],
     )
-    triangles = np.stack([a, b, c, c, d, a], axis=-1).reshape(-1, 3)
+    cells = np.stack([a, b, c, d], axis=-1).reshape(-1, 4)
+    if elements != "bricks":
+        cells = cells[:, [0, 1, 2, 2, 3, 0]].reshape(-1, 3)
     edges = {
         name: number[np.column_stack([side[:-1], side[1:]])]
         for name, side in zip(("bottom", "right", "top", "left"), sides, strict=True)
     }
-    return np.column_stack(np.divmod(order, sizes[1])) / divisions, triangles, edges
+    return np.column_stack(np.divmod(order, sizes[1])) / divisions, cells, edges
 
 
 def _between(start, end, part: np.ndarray) -> np.ndarray:

@@ -13,7 +13,6 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import OutputError
-from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.pictures.moved import PRESSED, apart, magnify, painted_by, pressed, rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
@@ -29,7 +28,7 @@ from ddmpi.pictures.sheet import (
     signed_colours,
 )
 from ddmpi.pictures.views import Skin, Surface, View
-from ddmpi.results.fields import owners
+from ddmpi.results.fields import boundary_of, owners
 from ddmpi.results.histories import load_steps
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.motions import Image
@@ -146,6 +145,7 @@ def largest_of(fields: dict[str, np.ndarray]) -> tuple[float, int]:
         return float(size.max()), int(size.argmax())
     cell = fields["von_mises"].argmax()
     corners = fields["cells"][cell]
+    corners = corners[corners >= 0]
     return float(fields["von_mises"][cell]), int(
         corners[fields["nodal_von_mises"][corners].argmax()]
     )
@@ -272,7 +272,8 @@ def middles(results: Results) -> list[np.ndarray]:
     from scipy.spatial import cKDTree
 
     owner, places = owners(results), []
-    edge = np.unique(boundary_facets(results.fields["cells"], results.dimension)[0])
+    outer = boundary_of(results.fields["cells"], results.dimension)[0]
+    edge = np.unique(outer[outer >= 0])
     for k in range(owner.max() + 1):
         nodes = results.points[owner == k]
         depth = cKDTree(results.points[edge[owner[edge] == k]]).query(nodes)[0]

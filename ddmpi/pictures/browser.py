@@ -19,7 +19,7 @@ from ddmpi.pictures.moved import ABOVE, apart, covered, magnify, pressed
 from ddmpi.pictures.script import view_template
 from ddmpi.pictures.sheet import limits
 from ddmpi.pictures.views import Skin, View, sharp_edges
-from ddmpi.results.fields import owners
+from ddmpi.results.fields import by_kind, owners
 from ddmpi.results.histories import at_step, load_steps, placed
 from ddmpi.results.tables import Columns, Results, read_results, reading
 from ddmpi.system.files import MECHANISM, write_page
@@ -131,8 +131,11 @@ class Scenery:
         )
         self._areas = skin.areas(results.points)
         # solids keep the nodes inside, too, for cuts, unless there are too many
-        cells = results.fields["cells"][:, :4]
-        if d < 3 or len(cells) > MOST_CELLS:
+        cells = skin.facets[:0]
+        if d > 2:
+            kinds = by_kind(results.fields["cells"], d)
+            cells = np.concatenate([kind.straight.split(nodes) for kind, _, nodes in kinds])
+        if len(cells) > MOST_CELLS:
             cells = skin.facets[:0]
         self.nodes = np.unique(np.concatenate([skin.facets.ravel(), cells.ravel()]))
         self._number = np.zeros(len(self._owner), int)

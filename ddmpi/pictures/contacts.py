@@ -36,7 +36,7 @@ from ddmpi.pictures.sheet import (
     zone_legend,
 )
 from ddmpi.pictures.views import Surface, View, rim
-from ddmpi.results.fields import owners, vectors
+from ddmpi.results.fields import linear_parts, owners, vectors
 from ddmpi.results.tables import STATUS, Columns, Results, chains, drawn_rows
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import crossed, moment, scaled_unit
@@ -65,8 +65,10 @@ def draw_contacts(results: Results) -> Any:
     contact, of solids with its end on the first body there, unless the line misses it; one that would cover another
     stands beside it.
     """
-    sizes = np.abs(signed_measures(results.points, results.fields["cells"]))
-    measure, d = np.bincount(results.fields["body"], sizes), results.dimension
+    d = results.dimension
+    parts, cell = linear_parts(results.fields["cells"], d)
+    sizes = np.abs(signed_measures(results.points, parts))
+    measure = np.bincount(results.fields["body"][cell], sizes)
     size = WIDEST[d] * float(np.median(measure ** (1.0 / d)))
     forces, largest = _resultants(results, size)
     factor, unit_of = scaled_unit(largest, results.summary["units"]["force"])

@@ -9,9 +9,8 @@ from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST
-from ddmpi.mesh.elements import cell_with
 from ddmpi.mesh.mesh import boundary_facets
-from ddmpi.results.fields import linear_triangles
+from ddmpi.results.fields import boundary_of, linear_parts
 from ddmpi.scene.output import VIEWS
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import ALIKE, spans
@@ -103,15 +102,17 @@ class Skin:
 
     def __init__(self, view: View, points: np.ndarray, cells: np.ndarray) -> None:
         """Of cells (nt, j) with nodes at `points` (nv, d)."""
-        outer, cell = boundary_facets(cells, 3) if view.solid else (cells, np.arange(len(cells)))
-        self.facets, self.of = linear_triangles(outer)
+        outer, cell = boundary_of(cells, 3) if view.solid else (cells, np.arange(len(cells)))
+        self.facets, self.of = linear_parts(outer, 2)
         self.cell, self.beyond = cell[self.of], view.beyond(points)
         self._ends, self._share = np.zeros([0, 2], int), np.zeros(0)
         if view.cut is None:
             return
         facets, cell = self._cap(points, cells, view.cut[0])
         # boundary facets behind the cut, of cells that are not wholly in front of it, and the cap
-        kept = (self.beyond[cells] < 0.0).any(axis=1)  # others are in front of the cut
+        kept = ((self.beyond[cells] < 0.0) & (cells >= 0)).any(
+            axis=1
+        )  # others are in front of the cut
         seen = kept[self.cell] & (self.beyond[self.facets] <= 0.0).any(axis=1)
         self.beyond = np.append(self.beyond, np.zeros(len(self._ends)))
         self.facets, self.of, self.cell = (
@@ -127,11 +128,10 @@ class Skin:
         self, points: np.ndarray, cells: np.ndarray, normal: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Triangles (t, 3) in which the cut crosses cells, and the cell (t,) of each."""
-        some = np.flatnonzero(
-            (self.beyond[cells].min(axis=1) < 0.0) & (self.beyond[cells].max(axis=1) >= 0.0)
-        )
-        subcells = cell_with(cells.shape[1], 3).parts  # linear tetrahedra
-        corners = cells[some][:, subcells].reshape(-1, 4)
+        corners, owner = linear_parts(cells, 3)
+        some = self.beyond[corners].min(axis=1) < 0.0
+        some &= self.beyond[corners].max(axis=1) >= 0.0
+        corners, owner = corners[some], owner[some]
         # the corners behind the cut first; CROSSED has the edges that cross it
         order = np.argsort(self.beyond[corners] >= 0.0, axis=1, kind="stable")
         kept = (self.beyond[corners] < 0.0).sum(axis=1)
@@ -140,10 +140,7 @@ class Skin:
             [corners[kept == n][:, crossed].reshape(-1, 3, 2) for n, crossed in CROSSED.items()]
         )
         cell = np.concatenate(
-            [
-                np.repeat(some[np.flatnonzero(kept == n) // len(subcells)], len(crossed))
-                for n, crossed in CROSSED.items()
-            ]
+            [np.repeat(owner[kept == n], len(crossed)) for n, crossed in CROSSED.items()]
         )
         key, number = np.unique(
             edges.min(axis=2) * len(points) + edges.max(axis=2), return_inverse=True

@@ -1,6 +1,6 @@
 """Fields of all bodies: result.h5, and result.xdmf, which describes it to ParaView and meshio."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -13,7 +13,8 @@ from mpi4py import MPI
 from ddmpi.body.stress import principal, turned, von_mises
 from ddmpi.interface.interface import Lines
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.elements import cell_with
+from ddmpi.mesh.elements import Cell, cell_with
+from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.results.tables import Columns, Results, datasets, leg_values
 from ddmpi.scene.given import CELLS
 from ddmpi.surface.curve import in_order
@@ -91,7 +92,7 @@ class Fields:
     Attributes
     ----------
     points : (nv, d) nodes (m)
-    triangles : (nt, k) nodes of the cells, triangles or tetrahedra of order 1 or 2
+    cells : (nt, k) nodes of the cells, in the order of VTK; `triangles` is another name of them
     displacement : (nv, d) in m
     stress : (nt, 4) σ_xx, σ_yy, σ_zz, σ_xy in Pa, in space (nt, 6) with σ_yz, σ_xz
     von_mises : (nt,) in Pa
@@ -101,7 +102,7 @@ class Fields:
     """
 
     points: np.ndarray
-    triangles: np.ndarray
+    cells: np.ndarray
     displacement: np.ndarray
     stress: np.ndarray | None = None
     von_mises: np.ndarray | None = None
@@ -140,8 +141,12 @@ class Fields:
             {name: [values] for name, values in data.items() if name not in AT_NODES},
         )
 
+    @property
+    def triangles(self) -> np.ndarray:
+        return self.cells
+
     def __repr__(self) -> str:
-        return f"Fields({len(self.points)} nodes, {len(self.triangles)} cells)"
+        return f"Fields({len(self.points)} nodes, {len(self.cells)} cells)"
 
 
 def write_fields(
@@ -176,7 +181,7 @@ def write_fields(
     for group, entries in everything.items():
         first, number, total = _spans(entries, world)
         spans |= zip(entries, np.stack([first, number], axis=1), strict=True)
-        for name, data in _by_name(entries, first[:, 0]).items():
+        for name, data in _by_name(entries, first[:, 0], world).items():
             if step is None or name in AT_STEPS or (group and tables):
                 kind = 0 if name in AT_NODES else 1
                 arrays[group + name] = data
@@ -187,14 +192,34 @@ def write_fields(
     return gathered(world, spans)
 
 
-def _by_name(entries: Mapping[Any, Datasets], first: np.ndarray) -> dict[str, list[np.ndarray]]:
+def _by_name(
+    entries: Mapping[Any, Datasets], first: np.ndarray, world: MPI.Comm
+) -> dict[str, list[np.ndarray]]:
     """The datasets of all entries by name; cells by the numbers of nodes among all, in which those of an entry begin
-    at `first` (k,)."""
+    at `first` (k,), and as wide as those of all ranks. Collective."""
+    wide = [entry["cells"].shape[1] for entry in entries.values()]
+    widest = world.allreduce(max(wide, default=0), MPI.MAX)
     names = next(iter(entries.values()), ())
     data = {name: [entry[name] for entry in entries.values()] for name in names}
     if "cells" in data:
-        data["cells"] = [cells + start for cells, start in zip(data["cells"], first, strict=True)]
+        data["cells"] = [
+            widened(cells + start, widest)
+            for cells, start in zip(data["cells"], first, strict=True)
+        ]
     return data
+
+
+def widened(cells: np.ndarray, width: int) -> np.ndarray:
+    """Cells (nt, k) of one kind as rows among those of others with more nodes, (nt, width), which end in −1."""
+    return np.pad(cells, ((0, 0), (0, width - cells.shape[1])), constant_values=-1)
+
+
+def by_kind(cells: np.ndarray, dimension: int) -> Iterator[tuple[Cell, np.ndarray, np.ndarray]]:
+    """The kinds of cells among (nt, width), see `widened`: the reference cell, the numbers (n,), and their nodes (n, k)."""
+    number = (cells >= 0).sum(axis=1)
+    for k in np.unique(number).tolist():
+        some = np.flatnonzero(number == k)
+        yield cell_with(k, dimension), some, cells[some, :k]
 
 
 def _of_tables(
@@ -226,9 +251,9 @@ def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
     """The datasets of result.h5 of the body number `body`, by name."""
     data = {
         "points": _padded(fields.points),
-        "cells": fields.triangles,
+        "cells": fields.cells,
         "displacement": _padded(fields.displacement),
-        "body": np.full(len(fields.triangles), body),
+        "body": np.full(len(fields.cells), body),
     }
     if fields.in_frame is not None:
         data["displacement_in_frame"] = _padded(fields.in_frame)
@@ -347,11 +372,12 @@ def write_xdmf(
 ) -> None:
     """Write result.xdmf into the folder `path`: the mesh and all fields of result.h5 as one grid without time.
 
-    With the `times` of load steps whose fields have been written, the last one's without a number, there is a grid for
-    each. meshio.read takes the grid of a single step, meshio.xdmf.TimeSeriesReader those of several; both refuse more.
-    So grids of bodies and contacts by name, with their times, stand where meshio does not look, in an Information.
-    ParaView and pyvista are referred to them (Reference="XML", as XDMF 2 has it). result_last.xdmf has the last of
-    several load steps, for meshio.read.
+    With the `times` of load steps whose fields have been written, the last one's without a number, there is a grid
+    for each. meshio.read takes the grid of a single step, meshio.xdmf.TimeSeriesReader those of several; both refuse
+    more, and bodies with cells of different kinds, of which there are grids by name alone. So grids of bodies and
+    contacts by name, with their times, stand where meshio does not look, in an Information. ParaView and pyvista are
+    referred to them (Reference="XML", as XDMF 2 has it). result_last.xdmf has the last of several load steps, for
+    meshio.read.
 
     Parameters
     ----------
@@ -362,34 +388,55 @@ def write_xdmf(
     import h5py
 
     with writing(path / "result.h5"), h5py.File(path / "result.h5", "r") as file:
+        kinds = _kinds_of(file, bodies or {})
         steps, surfaces = (
             [_described(file, group, group_of(k)) for k in range(max(len(times), 1))]
             for group in ("/", f"/{SURFACES}")
         )
-    grids = [
-        (f"contact {name}" if spans is contacts and name in (bodies or {}) else name, span, fields)
-        for spans, fields in ((bodies, steps), (contacts, surfaces))
-        for name, span in (spans or {}).items()
-    ]
+    grids = [(name, span, steps, kinds[name]) for name, span in (bodies or {}).items()]
+    for name, span in (contacts or {}).items():
+        called = f"contact {name}" if name in kinds else name
+        grids.append((called, span, surfaces, kinds[""].facet.straight))
     root = Element("Xdmf", Version="3.0")
     domain = SubElement(root, "Domain")
-    _add_grids(domain, "bodies", times, steps)
+    if any(kind is not kinds[""] for kind in kinds.values()):
+        _add_named(domain, times, grids)
+        _write_document(path / "result.xdmf", root)
+        return
+    _add_grids(domain, "bodies", times, steps, kinds[""])
     if 0 < len(grids) * len(steps) <= MANY:
         domain[0].set("Reference", "XML")
         domain[0].text = f"/Xdmf/Domain/Grid{'/Grid[1]' * bool(times)}/Information/Grid"
         first = domain[0][0] if times else domain[0]
         hidden = SubElement(first, "Information", Name="named")
         hidden.text = "<none/>"  # as meshio reads it
-        named = SubElement(
-            hidden, "Grid", Name="results", GridType="Collection", CollectionType="Spatial"
-        )
-        for name, span, fields in grids:
-            _add_grids(named, name, times, fields, span, alone=1.0)
+        _add_named(hidden, times, grids)
     _write_document(path / "result.xdmf", root)
     if times:
         root = Element("Xdmf", Version="3.0")
-        _add_grids(SubElement(root, "Domain"), "bodies", (), steps[-1:])
+        _add_grids(SubElement(root, "Domain"), "bodies", (), steps[-1:], kinds[""])
         _write_document(path / "result_last.xdmf", root)
+
+
+def _kinds_of(file: Any, spans: Mapping[str, np.ndarray]) -> dict[str, Cell]:
+    """The kinds of cells of bodies by name, and under "" that of the first one, or of all without a name."""
+    d, cells = 2 + int(file["points"][:, 2].any()), file["cells"]
+    rows = {name: cells[span[0, 1]] for name, span in spans.items()}
+    rows = {"": next(iter(rows.values()), cells[0])} | rows
+    return {name: cell_with(np.count_nonzero(row >= 0), d) for name, row in rows.items()}
+
+
+def _add_named(
+    parent: Element,
+    times: Sequence[float],
+    grids: Sequence[tuple[str, np.ndarray, Sequence[Mapping[str, tuple]], Cell]],
+) -> None:
+    """Add the grids of bodies and contacts: name, span, fields of all steps, and kind of cells."""
+    named = SubElement(
+        parent, "Grid", Name="results", GridType="Collection", CollectionType="Spatial"
+    )
+    for name, span, fields, kind in grids:
+        _add_grids(named, name, times, fields, kind, span, alone=1.0)
 
 
 def write_surface(path: Path, name: str, fields: Datasets) -> None:
@@ -458,12 +505,14 @@ def _add_grids(
     name: str,
     times: Sequence[float],
     steps: Sequence[Mapping[str, tuple]],
+    kind: Cell,
     span: np.ndarray | None = None,
     alone: float | None = None,
 ) -> None:
     """Add grids to an element of XDMF: a collection with one for each time, or a single one with the time `alone`.
 
-    A grid has the mesh and the fields of its step, `_described`, or the `span` of them, as of `write_fields`.
+    A grid has the mesh, cells of a kind, and the fields of its step, `_described`, or the `span` of them, as of
+    `write_fields`.
     """
     if times:
         parent = SubElement(
@@ -474,19 +523,24 @@ def _add_grids(
         if time is not None:
             SubElement(grid, "Time", Value=repr(time))
         for field, stored in fields.items():
-            _add_field(grid, field, stored, span)
+            _add_field(grid, field, stored, kind, span)
 
 
 def _add_field(
-    grid: Element, name: str, stored: tuple[str, tuple[int, ...], str], span: np.ndarray | None
+    grid: Element,
+    name: str,
+    stored: tuple[str, tuple[int, ...], str],
+    cell: Cell,
+    span: np.ndarray | None,
 ) -> None:
-    """Add a `stored` field, or a span of it, to a grid."""
+    """Add a `stored` field, or a span of it, to a grid with cells of one kind."""
     (path, shape, kind), nodal = stored, name in AT_NODES
+    sizes = (len(cell.nodes),) if name == "cells" else shape[1:]
     start, number = (0, shape[0]) if span is None else span[:, 0 if nodal else 1].tolist()
     if name == "points":
         parent = SubElement(grid, "Geometry", GeometryType="XYZ")
     elif name == "cells":
-        topology = cell_with(shape[1]).topology
+        topology = cell.topology
         parent = SubElement(grid, "Topology", TopologyType=topology, NumberOfElements=str(number))
         if topology == "Polyline":
             parent.set("NodesPerElement", "2")
@@ -502,9 +556,9 @@ def _add_field(
         )
     if span is not None:
         parent = SubElement(
-            parent, "DataItem", ItemType="HyperSlab", Dimensions=_words(number, *shape[1:])
+            parent, "DataItem", ItemType="HyperSlab", Dimensions=_words(number, *sizes)
         )
-        slab = np.array([[start, 1, number], *([0, 1, size] for size in shape[1:])])
+        slab = np.array([[start, 1, number], *([0, 1, size] for size in sizes)])
         item = SubElement(
             parent, "DataItem", DataType="Int", Format="XML", Dimensions=f"3 {len(shape)}"
         )
@@ -528,16 +582,30 @@ def _padded(array: np.ndarray) -> np.ndarray:
     return np.pad(array, ((0, 0), (0, 3 - array.shape[1])))
 
 
-def linear_triangles(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cells (nt, k) in the plane as triangles between neighbouring nodes, and the cell of each."""
-    subcells = cell_with(cells.shape[1], 2).parts
-    return cells[:, subcells].reshape(-1, 3), np.repeat(np.arange(len(cells)), len(subcells))
+def boundary_of(cells: np.ndarray, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+    """`boundary_facets` of cells (nt, width) of several kinds: facets (f, ·) `widened`, and their cells (f,)."""
+    found = [
+        (some, *boundary_facets(nodes, dimension)) for _, some, nodes in by_kind(cells, dimension)
+    ]
+    width = max(facets.shape[1] for _, facets, _ in found)
+    outer = np.concatenate([widened(facets, width) for _, facets, _ in found])
+    return outer, np.concatenate([some[cell] for some, _, cell in found])
+
+
+def linear_parts(cells: np.ndarray, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+    """Cells (nt, width) as linear simplices (·, d + 1) between their nodes, and the cell of each."""
+    found = [
+        (nodes[:, kind.parts].reshape(-1, dimension + 1), np.repeat(some, len(kind.parts)))
+        for kind, some, nodes in by_kind(cells, dimension)
+    ]
+    return np.concatenate([parts for parts, _ in found]), np.concatenate([of for _, of in found])
 
 
 def owners(results: Results) -> np.ndarray:
     """(nv,) the number of the body that each node belongs to."""
     owner = np.zeros(len(results.fields["points"]), int)
-    owner[results.fields["cells"]] = results.fields["body"][:, None]
+    cell, node = np.nonzero(results.fields["cells"] >= 0)
+    owner[results.fields["cells"][cell, node]] = results.fields["body"][cell]
     return owner
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from ddmpi.body.stress import principal, von_mises
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import cell_with
-from ddmpi.results.fields import IN_FILES, group_of, owners, vectors
+from ddmpi.mesh.elements import Cell
+from ddmpi.results.fields import IN_FILES, by_kind, group_of, owners, vectors
 from ddmpi.results.summary import drawn_times, place_of_all, plain
 from ddmpi.results.tables import (
     PATH,
@@ -267,10 +267,14 @@ def _extremes(
     }
     if "von_mises" in fields:
         own = fields["body"] == k
-        stress, corners = fields["von_mises"][own], fields["cells"][own][:, : results.dimension + 1]
+        stress, ((cell, _, nodes),) = (
+            fields["von_mises"][own],
+            by_kind(fields["cells"][own], results.dimension),
+        )
+        places = points[nodes[:, : cell.corners]].mean(axis=1)
         found |= {
             "von_mises_max": float(stress.max()),
-            "von_mises_max_at": plain(place_of_largest(stress, points[corners].mean(axis=1))),
+            "von_mises_max_at": plain(place_of_largest(stress, places)),
         }
     return found
 
@@ -301,13 +305,12 @@ def along(results: Results, start: Sequence[float], end: Sequence[float], number
         )
     length, share = np.linalg.norm(last - first), np.linspace(0.0, 1.0, number)
     places = first + share[:, None] * (last - first)
-    place, cell, at = _located(
+    place, cell, shapes = _located(
         results.points, results.fields["cells"], results.fields["body"], places
     )
     if len(place) == 0:
         raise InputError(f"the path from {in_words(first)} to {in_words(last)} meets no body")
-    nodes = results.fields["cells"][cell]
-    shapes = cell_with(nodes.shape[1], d).shapes(at)
+    nodes = np.maximum(results.fields["cells"][cell], 0)  # whose shape functions are zero
 
     def interpolated(values: np.ndarray) -> np.ndarray:
         return np.einsum("pk,pkc->pc", shapes, values[nodes])
@@ -334,22 +337,14 @@ def _located(
     body: np.ndarray,
     places: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The numbers of `places` that are in a cell, the best cell of each `body` (nt,), and barycentric coordinates."""
-    low, high = (
-        extreme.reduce([points[node] for node in cells.T]) for extreme in (np.minimum, np.maximum)
-    )
-    place, cell = contained(places, low + OUTSIDE * (high - low), high - OUTSIDE * (high - low))
-    kind, nodes = cell_with(cells.shape[1], points.shape[1]), points[cells[cell]]
-    at = np.full((len(cell), points.shape[1] + 1), 1.0 / (points.shape[1] + 1))
-    # x(ξ) = Σ N_k(ξ) x_k for ξ, by Newton's method from the centroid
-    for _ in range(NEWTON if nodes.shape[1] > at.shape[1] else 1):
-        off = places[place] - np.einsum("pk,pkd->pd", kind.shapes(at), nodes)
-        step = np.linalg.solve(
-            np.einsum("apk,pkd->pda", kind.derivatives(at), nodes), off[:, :, None]
-        )[:, :, 0]
-        inner = np.clip(at[:, 1:] + step, -1.0, 2.0)
-        at = np.column_stack([1.0 - inner.sum(axis=1), inner])
-    inside = at.min(axis=1)
+    """The numbers of `places` that are in a cell, the best cell of each `body` (nt,), and the shape functions of its
+    nodes (·, width) there."""
+    found = []
+    for kind, some, nodes in by_kind(cells, points.shape[1]):
+        place, cell, inside, shapes = _located_in(kind, points[nodes], places)
+        wide = np.pad(shapes, ((0, 0), (0, cells.shape[1] - len(kind.nodes))))
+        found.append((place, some[cell], inside, wide))
+    place, cell, inside, shapes = map(np.concatenate, zip(*found, strict=True))
     # hardly outside counts where a place is in no cell; of each place and body the cell that it is deepest in
     kept = inside >= INSIDE
     kept |= (inside >= OUTSIDE) & ~np.isin(place, place[kept])
@@ -358,4 +353,23 @@ def _located(
     order = order[
         np.unique(np.column_stack([place, body[cell]])[order], axis=0, return_index=True)[1]
     ]
-    return place[order], cell[order], at[order]
+    return place[order], cell[order], shapes[order]
+
+
+def _located_in(
+    kind: Cell, nodes: np.ndarray, places: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The numbers of `places` and of cells of one kind, with `nodes` (nt, k, d), in whose boxes they are; the least
+    barycentric coordinate there, and the shape functions (·, k)."""
+    low, high = nodes.min(axis=1), nodes.max(axis=1)
+    place, cell = contained(places, low + OUTSIDE * (high - low), high - OUTSIDE * (high - low))
+    nodes = nodes[cell]
+    at = np.tile(kind.parameters(kind.middle), (len(cell), 1))
+    # x(λ) = Σ φ_k(λ) x_k for λ, by Newton's method from the centroid
+    for _ in range(1 if kind.simplex and kind.linear else NEWTON):
+        hats = kind.hats_at(kind.coordinates(at))
+        off = places[place] - np.einsum("pk,pkd->pd", kind.shapes(hats), nodes)
+        tangents = np.einsum("apk,pkd->pda", kind.derivatives(hats), nodes)
+        at = np.clip(at + np.linalg.solve(tangents, off[:, :, None])[:, :, 0], -1.0, 2.0)
+    coordinates = kind.coordinates(at)
+    return place, cell, coordinates.min(axis=1), kind.shapes(kind.hats_at(coordinates))

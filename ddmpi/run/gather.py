@@ -370,7 +370,7 @@ def _with_middles(body: Body) -> float:
     mesh, d = body.mesh, body.mesh.dimension
     vertices = len(np.unique(mesh.corners))
     # Each inner facet has two cells. In space vertices − edges + facets − cells are 1, or nearly.
-    facets = ((d + 1) * len(mesh.triangles) + len(mesh.boundary[0])) / 2
+    facets = (len(mesh.cell.facets) * len(mesh.triangles) + len(mesh.boundary[0])) / 2
     edges = facets if d == 2 else vertices + facets - len(mesh.triangles)
     return body.member.elasticity.n * (vertices + edges) / vertices
 

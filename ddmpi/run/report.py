@@ -9,7 +9,6 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import team_of
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactTotals
-from ddmpi.mesh.elements import CELLS
 from ddmpi.methods.outer import Step
 from ddmpi.results.converge import table_of
 from ddmpi.results.summary import (
@@ -58,7 +57,7 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     log.info(
         "n = %d unknowns (%s), m = %d contact nodes%s",
         assembly.n,
-        CELLS[scene.dimension, scene.body[0].mesh.order].title,
+        titles(title for *_, title in bodies.values()),
         assembly.m,
         f", friction: {laws}" * bool(contacts),
     )
@@ -74,7 +73,14 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     log.info("%5s  %10s  %10s  %6s", "k", "update", "residual", "n_A")
 
 
-def _plan_of_bodies(assembly: Assembly, bodies: Mapping[str, tuple[str, bool]]) -> Iterator[str]:
+def titles(each: Iterable[str]) -> str:
+    """Kinds of cells, each once, in words."""
+    return " and ".join(dict.fromkeys(each))
+
+
+def _plan_of_bodies(
+    assembly: Assembly, bodies: Mapping[str, tuple[str, bool, str]]
+) -> Iterator[str]:
     """How the `bodies` are solved, by the results of `_describe_body`. Not collective."""
     names = [spec.name for spec in assembly.scene.body]
     for way, alike in grouped((bodies[name][0], name) for name in names):
@@ -124,8 +130,8 @@ def log_warnings(warnings: Iterable[str], told: list[str]) -> None:
             told.append(warning)
 
 
-def _describe_body(body: Body, ranks: int) -> tuple[str, bool]:
-    """How the cells of a body were cut, and how it is solved, on how many ranks; whether loads act on it."""
+def _describe_body(body: Body, ranks: int) -> tuple[str, bool, str]:
+    """How the cells of a body were cut, and how it is solved, on how many ranks; whether loads act on it; its cells."""
     mesh, motions, compliance = body.mesh, body.member.motions.shape[2], body.member.C
     solver, what = (
         compliance.solver.description,
@@ -143,7 +149,8 @@ def _describe_body(body: Body, ranks: int) -> tuple[str, bool]:
         way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"
     if compliance.kind != "explicit" or compliance.reason == "asked for":
         way += f", compliance {compliance.kind} ({compliance.reason})"
-    return way, body.member.elasticity.b.norm() > 0.0 or bool(body.member.e.any())
+    loaded = body.member.elasticity.b.norm() > 0.0 or bool(body.member.e.any())
+    return way, loaded, mesh.cell.title
 
 
 def grouped(pairs: Iterable[tuple[str, str]]) -> Iterator[tuple[str, list[str]]]:

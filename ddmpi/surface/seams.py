@@ -147,14 +147,16 @@ def find_seam(mesh: Mesh, groups: Collection[str] = (), name: str = "") -> Seam 
     loads name; a group of both lips only where it is of nothing else. Raises InputError, naming the body, for cells
     that lie on each other.
     """
-    facets = mesh.boundary[0][:, : mesh.dimension]
+    straight = mesh.cell.facet.straight
+    facets = straight.split(mesh.boundary[0])
     skin = Skin(mesh.points, facets)
     near = _lying(skin, mesh, name)
     named, seam = np.zeros(len(facets), bool), np.zeros(len(facets), bool)
     seam[near] = True
     for group in groups:
-        own = np.zeros(len(facets), bool)
+        own = np.zeros(len(mesh.boundary[0]), bool)
         own[mesh.facets(group).numbers] = True
+        own = np.tile(own, len(straight.parts))
         if seam[own].all() or not own[near].all(axis=1).any():
             named |= own
     near = near[~named[near].all(axis=1)]
@@ -217,11 +219,11 @@ def _nodes_of(skin: Skin, pairs: np.ndarray) -> tuple[int, int, np.ndarray]:
 
 def _within(mesh: Mesh, skin: Skin) -> np.ndarray:
     """(k, d) the middles of facets that lie within cells that have no node of them, deeper than curvature explains."""
-    middle, cells = skin.ends.mean(axis=1), mesh.corners
+    middle, cells = skin.ends.mean(axis=1), mesh.cell.straight.split(mesh.corners)
     # what lies on sides of other cells lies in one of them a little further inward, not along a side
-    inner = np.average(
-        mesh.points[cells[mesh.boundary[1]]], axis=1, weights=1.0 + np.arange(cells.shape[1])
-    )
+    corners = mesh.corners[mesh.boundary[1]]
+    inner = np.average(mesh.points[corners], axis=1, weights=1.0 + np.arange(corners.shape[1]))
+    inner = np.tile(inner, (len(middle) // len(inner), 1))
     inward = inner - middle
     places, around = np.concatenate([middle, middle + BELOW * inward]), np.tile(skin.facets, (2, 1))
     share, cell = most_inside(places, mesh.points[cells.T], (around, cells))

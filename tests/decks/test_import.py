@@ -814,6 +814,36 @@ def test_plane_and_axisymmetric_decks(tmp_path, kind, area):
     assert force == pytest.approx([0.0, 9.0 / (1.0 if kind == "CAX4" else 0.5)])
 
 
+@pytest.mark.parametrize(
+    "kind, integration, words",
+    [
+        (
+            "CPE4",
+            "full",
+            'full integration, which locks in bending; integration = "modes" does not',
+        ),
+        ("CPS4I", "modes", None),
+        ("CPE4R", "modes", "incompatible modes in place of reduced integration"),
+        ("CAX4R", None, "CAX4R as CAX4: full integration"),
+    ],
+)
+def test_quadrilaterals_keep_their_integration(tmp_path, kind, integration, words):
+    """Of order 1, and not cut; what differs is told. Elements of two kinds in one body have that of the first."""
+    deck = (
+        grid("A", (2, 2), (1.0, 2.0), kind=kind) + STEEL + SECTION + "0.5\n" * (kind[:3] != "CAX")
+    )
+    deck += "*BOUNDARY\nA_Y0, 2\nA_X0, 1\n" + step("*DLOAD", "3, P3, -7.", "4, P3, -7.")
+    scene, lists = imported(tmp_path, deck)
+    mesh = scene["body"][0]["mesh"]
+    assert (mesh["order"], mesh.get("integration")) == (1, integration)
+    assert words is None or words in str(lists)
+    answer = solved(tmp_path, deck)
+    assert answer.bodies["A"].cells.shape == (4, 4)
+    two = deck.replace("4, 5, 6, 9, 8", "*ELEMENT, TYPE=CPS4, ELSET=A\n4, 5, 6, 9, 8")
+    if two != deck and kind == "CPS4I":
+        assert "as the other elements of its body" in str(imported(tmp_path, two)[1])
+
+
 def test_several_materials_and_moved_supports(tmp_path):
     """One body with materials by sets; displacements linear in place are one clamp, others one for each value."""
     deck = (

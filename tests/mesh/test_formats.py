@@ -12,7 +12,7 @@ from test_mesh import NAMES, SQUARE, refused
 from ddmpi.body.loads import supports
 from ddmpi.errors import InputError
 from ddmpi.mesh.build import build_mesh, kind_of_files
-from ddmpi.mesh.elements import CELLS, facet_measures
+from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh, boundary_facets, signed_measures
 from ddmpi.mesh.read import file_kind, gmsh_session, read_mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, MeshSpec, PartMaterial, Traction
@@ -24,7 +24,7 @@ RADII, HEIGHT = (0.5, 0.75, 1.0), 0.75
 
 DIMENSION = {"triangle": 2, "quad": 2, "tetra": 3, "wedge": 3, "hexahedron": 3}
 
-CUT = {"triangle": 0, "quad": 24, "tetra": 0, "wedge": 144, "hexahedron": 72}
+CUT = {"triangle": 0, "quad": 0, "tetra": 0, "wedge": 144, "hexahedron": 72}
 """How many cells are cut into simplices."""
 
 GMSH = {
@@ -194,10 +194,12 @@ def write_sets(
     return path
 
 
-def ring(path: Path, order: int | None = None, refine: int = 0, **keys) -> BodySpec:
+def ring(
+    path: Path, order: int | None = None, refine: int = 0, cut: bool = False, **keys
+) -> BodySpec:
     return BodySpec(
         name="ring",
-        mesh=MeshSpec(file=str(path), order=order, refine=refine),
+        mesh=MeshSpec(file=str(path), order=order, refine=refine, cut=cut),
         **{"material": Material(young=1.0, poisson=0.3)} | keys,
     )
 
@@ -206,13 +208,15 @@ def check(mesh: Mesh) -> None:
     """All cells are positive, they match, the boundary is closed, and groups are on it."""
     assert (signed_measures(mesh.points, mesh.triangles) > 0).all()
     d = mesh.dimension
-    facets = np.sort(mesh.corners[:, CELLS[d, 1].facets].reshape(-1, d), axis=1)
+    facets = np.sort(
+        mesh.corners[:, mesh.cell.straight.facets].reshape(-1, mesh.cell.facet.corners), axis=1
+    )
     assert np.unique(facets, axis=0, return_counts=True)[1].max() == 2
     for name, group in mesh.groups.items():
         assert len(mesh.facets(name).nodes) == len(group)
-    outer = boundary_facets(mesh.triangles)[0]
+    outer = boundary_facets(mesh.triangles, d)[0]
     ends = (
-        np.sort(outer[:, CELLS[2, 1].edges].reshape(-1, 2), axis=1)
+        np.sort(outer[:, mesh.cell.facet.straight.edges].reshape(-1, 2), axis=1)
         if d == 3
         else outer[:, :2].reshape(-1, 1)
     )
@@ -285,6 +289,11 @@ def test_a_ring_of_any_cells_and_format(tmp_path, cells, form, order):
     assert kind_of_files(tmp_path / "scene.toml")(ring(path)) == (DIMENSION[cells], order)
     assert (mesh.dimension, mesh.order, mesh.cut) == (DIMENSION[cells], order, CUT[cells])
     check_ring(mesh, form)
+    if cells == "quad":
+        assert mesh.cell.name == "quadrilateral"
+        cut = build_mesh(ring(path, order, cut=True))
+        check_ring(cut, form)
+        assert cut.cut == 24 and cut.cell.name == "triangle"
     if order == 2 and form == "msh 4.1":
         corners = build_mesh(ring(path, 1))
         assert corners.order == 1 and len(mesh.curved) > 0 == len(corners.curved)
@@ -303,7 +312,8 @@ def test_elements_without_middles_of_faces_are_cut_alike(tmp_path, cells):
 
 
 @pytest.mark.parametrize(
-    ("cells", "order"), [("triangle", 1), ("triangle", 2), ("tetra", 1), ("hexahedron", 2)]
+    ("cells", "order"),
+    [("triangle", 1), ("triangle", 2), ("quad", 1), ("quad", 2), ("tetra", 1), ("hexahedron", 2)],
 )
 def test_halves_of_a_file(tmp_path, cells, order):
     """Every edge is halved, in the cells, facets and lines of each name; curved where the coarse map has them."""
@@ -331,9 +341,11 @@ def test_halves_of_a_file(tmp_path, cells, order):
     assert quality[1] > 0.4 * quality[0]
     if order == 2:
         quarters = np.array(list(np.ndindex((5,) * (d + 1)))) / 4
-        places = coarse.map(slice(None), quarters[quarters.sum(axis=1) == 1.0]).places.reshape(
-            -1, d
-        )
+        hats = quarters[quarters.sum(axis=1) == 1.0]
+        if cells == "quad":
+            hats = np.array([(a * c, b * c, b * e, a * e) for a, b, _ in hats for c, e, _ in hats])
+            hats = hats[hats.sum(axis=1) == 1.0]
+        places = coarse.map(slice(None), hats).places.reshape(-1, d)
         assert KDTree(places).query(fine.points)[0].max() <= 1e-12
 
 

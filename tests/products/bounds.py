@@ -304,6 +304,24 @@ SHAPES = [
         mesh('geometry="a.geo", size=0.5, size_on={hole=0.5}'),
     ),
     Bound(
+        "elements belongs to a shape with divisions in the plane, not to a geometry",
+        "plane",
+        mesh('geometry="a.geo", size=0.5, elements="bricks"'),
+        "body.upper.mesh.elements=bricks",
+    ),
+    Bound(
+        "cut belongs to a file, not to shape =",
+        "plane",
+        "body.upper.mesh.cut=true",
+        "body.upper.mesh.cut=false",
+    ),
+    Bound(
+        "integration belongs to a file that is not cut, or to a shape with elements",
+        "plane",
+        "body.upper.mesh.integration=full",
+        ["body.upper.mesh.elements=bricks", "body.upper.mesh.integration=full"],
+    ),
+    Bound(
         "refine belongs to a file; for a shape, raise divisions",
         "plane",
         "body.upper.mesh.refine=1",
@@ -1469,7 +1487,24 @@ def all_clamped(past: bool) -> dict:
     )
 
 
+def skewed(past: bool) -> dict:
+    """The Jacobians of a trapezoid are as its parallel sides, of which one is three times the other."""
+    scene = alone(**FALLING)
+    (block,) = scene["body"]
+    corners = [[0.0, 0.0], [0.3 * (1.01 if past else 0.99), 0.0], [0.1, 0.2], [0.0, 0.2]]
+    order = block["mesh"]["order"]
+    block["mesh"] = {
+        "shape": "quadrilateral",
+        "corners": corners,
+        "divisions": [1, 1],
+        "order": order,
+        "elements": "bricks",
+    }
+    return scene
+
+
 SOLVED = [
+    Solved("are far from parallelepipeds, and bend too stiffly", skewed),
     Solved("of the measure of a regular one; stresses are poor there", thin),
     Solved("50 times as long as it is thick; so slender a body bends", slender),
     Solved("times its size", carried),

@@ -979,8 +979,8 @@ MUTANTS = [
         (
             "a part has all elements",
             "mesh/read",
-            "own = np.isin(element, some)",
-            "own = np.isin(element, element)",
+            "is None else np.isin(element, some)",
+            "is None else np.isin(element, element)",
             "mesh/test_formats.py::test_a_part_of_a_file",
         ),
         (
@@ -3349,10 +3349,31 @@ MUTANTS = [
             "results/test_fields.py::test_bodies_and_contacts_are_grids_of_their_names",
         ),
         (
+            "cells of one kind among others as if all had as many nodes",
+            "results/fields",
+            "number = (cells >= 0).sum(axis=1)",
+            "number = (cells >= -1).sum(axis=1)",
+            "products/test_products.py::test_a_feature_in_bricks",
+        ),
+        (
+            "halves of a brick turned",
+            "mesh/refine",
+            "corners.T[:, None]",
+            "corners.T[::-1, None]",
+            "mesh/test_formats.py::test_halves_of_a_file",
+        ),
+        (
+            "quadrilaterals that are not convex stay whole",
+            "mesh/refine",
+            "| (turn < 0.0).all(axis=0)).all()",
+            "| (turn < 9e9).all(axis=0)).all()",
+            "mesh/test_uncut.py::test_what_is_not_convex_or_mixed_is_cut",
+        ),
+        (
             "shares of corners add up to two",
-            "results/histories",
-            "1.0 - inner.sum(axis=1)",
-            "2.0 - inner.sum(axis=1)",
+            "mesh/elements",
+            "(1.0 - part.sum(axis=-1, keepdims=True), part)",
+            "(2.0 - part.sum(axis=-1, keepdims=True), part)",
             "results/test_path.py::test_quadratic_elements_are_exact_and_bodies_that_touch_have_a_line_each",
         ),
         (
@@ -4409,8 +4430,8 @@ MUTANTS = [
         (
             "pictures of a check have cells of other bodies",
             "check/drawing",
-            "mesh.triangles + start for",
-            "mesh.triangles - start for",
+            "widened(mesh.triangles + start,",
+            "widened(mesh.triangles - start,",
             "check/test_check.py::test_pictures_of_a_check_have_all_bodies_where_they_are",
         ),
         (
