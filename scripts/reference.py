@@ -56,6 +56,7 @@ HEADINGS = {
     "NoFriction": "no friction",
     "Profile": "profile",
     "SignedProfile": "signed profile",
+    "Varying": "varying number",
     "Gap": "gap",
     "Closure": "softness",
     "Pretension": "pretension",

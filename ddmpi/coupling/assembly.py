@@ -435,8 +435,9 @@ def _join(
         interface.law.sliding,
         contact.kind,
         interface.law.live,
+        contact.name,
     )
-    interface = replace(interface, law=law, layer=contact.layer)
+    interface = replace(interface, law=law, layer=contact.layer, rub_history=contact.rubbing[1])
     overlaps = check_overlap(
         interface,
         *(side for side in (first, second) if side),

@@ -106,13 +106,21 @@ class Space:
         self.gap = self.opening - self.prescribed
 
     def act(self, factors: Mapping[str | None, float]) -> None:
-        """Set gaps and rigid partners to these `factors` by history."""
+        """Set gaps, friction and rigid partners to these `factors` by history."""
         if any(
-            (interface.partner.history, interface.gap_history) != (None, None)
+            (interface.partner.history, interface.gap_history, interface.rub_history) != (None,) * 3
             for interface in self._drawn
         ):
             self.interfaces = tuple(interface.under(factors) for interface in self._drawn)
+            self.laws = Laws([interface.law for interface in self.interfaces])
             self._place()
+
+    def began(self, factors: Mapping[str | None, float]) -> None:
+        """Note that the load step began with these factors of friction; after `act`."""
+        self.interfaces = tuple(
+            replace(interface, former=drawn.under(factors).law) if drawn.rub_history else interface
+            for interface, drawn in zip(self.interfaces, self._drawn, strict=True)
+        )
 
     @property
     def layers(self) -> list[Closure]:

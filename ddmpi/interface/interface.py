@@ -224,6 +224,7 @@ class Interface:
     layer : the law of a soft joint; None of a hard one
     image : where it is seen if the second side is an image, which all places of the second side are of
     gap_history, scale : the history of the gap, or None; the gap's factor at present
+    rub_history, former : the history of the friction, or None; its law at the beginning of the load step, if another
     drawing : what files and pictures show
     """
 
@@ -242,16 +243,19 @@ class Interface:
     image: Frame | None = None
     gap_history: str | None = None
     scale: float = 1.0
+    rub_history: str | None = None
+    former: Law | None = None
     drawing: Drawing = field(default_factory=Drawing)
 
     def under(self, factors: Mapping[str | None, float]) -> Interface:
-        """The same interface with these `factors` of its gap and rigid partner, by history."""
+        """The same interface with these `factors` of its gap, friction and rigid partner, by history."""
         motion = self.partner.motion
         moved = motion._replace(displacement=factors[self.partner.history] * motion.displacement)
         return replace(
             self,
             partner=replace(self.partner, motion=moved),
             scale=factors[self.gap_history],
+            law=self.law.under(factors[self.rub_history]) if self.rub_history else self.law,
         )
 
     def imaged(self, frame: Frame) -> Interface:

@@ -14,13 +14,17 @@ tangential forces.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.scene.contacts import Coulomb, Friction, Tresca
+from ddmpi.body.loads import values_at
+from ddmpi.errors import InputError
+from ddmpi.scene.contacts import Coulomb, Friction, Profile, Tresca, at_times
 from ddmpi.sets import Box, Discs, magnitude, shorten
+from ddmpi.system.numbers import in_words
 
 ON_BOUND = 1e-8
 """Relative distance to its bound below which a force counts as lying on it: a tangential force on the slip bound, a
@@ -123,6 +127,10 @@ class Law:
     def slope(self, pressure: np.ndarray) -> np.ndarray:
         """dg/ds_ν (mt,) at the normal forces (m,)."""
         return np.zeros(len(self.sliding))
+
+    def under(self, factor: float) -> Law:
+        """The law with `factor` times its slip bounds."""
+        return self
 
     def split(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Views of the normal (m,) and the tangential part (mt, d − 1) of a vector (size,)."""
@@ -288,6 +296,9 @@ class CoulombLaw(Law):
     def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
         return self.coefficient * pressure[self.sliding]
 
+    def under(self, factor: float) -> Law:
+        return replace(self, coefficient=factor * self.coefficient)
+
     def slope(self, pressure: np.ndarray) -> np.ndarray:
         return self.coefficient
 
@@ -302,6 +313,9 @@ class TrescaLaw(Law):
 
     def slip_bound(self, pressure: np.ndarray) -> np.ndarray:
         return self.bound
+
+    def under(self, factor: float) -> Law:
+        return replace(self, bound=factor * self.bound)
 
 
 @dataclass(frozen=True)
@@ -334,6 +348,7 @@ def law_of(
     sliding: np.ndarray,
     kind: str = "unilateral",
     live: np.ndarray | bool = True,
+    contact: str = "",
 ) -> Law:
     """The law of a scene at its contact nodes. Not collective.
 
@@ -348,13 +363,23 @@ def law_of(
     sliding : (mt,) the nodes that carry tangential forces
     kind : "unilateral", or "bonded" or "guided", which ignore `friction`
     live : of a `Law`
+    contact : the name, for messages
+
+    Raises InputError where a formula is negative or not finite.
     """
 
-    def values(value) -> np.ndarray:
-        at_nodes = (
-            np.full(len(area), value) if isinstance(value, float | int) else value.at(xy, arc)
-        )
-        return at_nodes[sliding].astype(float)
+    def values(value: Any) -> np.ndarray:
+        given, _ = at_times(value)
+        if isinstance(given, Profile):
+            return given.at(xy, arc)[sliding].astype(float)
+        at_nodes = values_at(given, xy, f"contact.{contact}.friction")
+        if (at_nodes < 0.0).any():
+            k = int(np.argmin(at_nodes))
+            raise InputError(
+                f'contact.{contact}.friction: the formula "{given}" is {at_nodes[k]:.3g} at {in_words(xy[k])}; '
+                "friction is not negative"
+            )
+        return at_nodes[sliding]
 
     shape, moves = (len(area), sliding, xy.shape[1] - 1), np.asarray(live)
     if kind != "unilateral":

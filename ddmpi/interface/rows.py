@@ -7,7 +7,6 @@ from functools import partial
 
 import numpy as np
 import scipy.sparse as sparse
-from msgspec.structs import astuple
 
 from ddmpi.body.loads import values_at
 from ddmpi.errors import InputError
@@ -184,14 +183,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
     sides, side = rows.sides, rows.sides[rows.slave]
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
-    directions = frame.swapaxes(0, 1)
-    clamped = np.stack([rows.clamped(each)[0] for each in directions], axis=-1)  # (2, r, d)
-    # an unknown that both sides clamp would be a zero row of C; tangents `across` planes of symmetry carry no force
-    live = ~clamped.all(axis=0)
-    live[:, 1:] &= ~across
-    if contact.itself:
-        turned = contact.image.frame(1.0, side.dimension).turned if contact.image else None
-        live &= np.stack([rows.moves(each, turned) for each in directions], axis=-1)
+    clamped, live = _live(rows, contact, frame, across)
     # a bond also carries tangential forces alone
     dropped = ~live.any(axis=1) if contact.kind == "bonded" else ~live[:, 0]
     if dropped.all():
@@ -230,7 +222,9 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
             tilt=_tilt(rows, keep, frame[keep]),
         ),
         rows=_at_rows(rows, keep, start),
-        law=law_of(contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live)),
+        law=law_of(
+            contact.friction, xy, arc, area, sliding, contact.kind, of_rows(live), contact.name
+        ),
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
         one_sided=of_rows(clamped.any(axis=0)),
         slave=(contact.roles[rows.slave] if contact.itself else side.body) if rows.points else None,
@@ -239,6 +233,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         probes=_probes(rows, contact, dropped, np.flatnonzero(beyond), start),
         layer=contact.layer,
         gap_history=contact.opening[1],
+        rub_history=contact.rubbing[1],
         drawing=Drawing(lines, partial(_outline, rows, keep)),
     )
 
@@ -353,6 +348,22 @@ def _outline(rows: Rows, keep: np.ndarray) -> Outline:
     return Outline(
         xy[used], cells.reshape(-1, side.dimension), means(shares[used], np.ones(len(used)))
     )
+
+
+def _live(
+    rows: Rows, contact: SettledContact, frame: np.ndarray, across: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """(2, r, d) bool, along which unit vectors (r, d, d) clamps hold each side, and (r, d) which are unknowns. Not
+    collective."""
+    directions = frame.swapaxes(0, 1)
+    clamped = np.stack([rows.clamped(each)[0] for each in directions], axis=-1)
+    # an unknown that both sides clamp would be a zero row of C; tangents `across` planes of symmetry carry no force
+    live = ~clamped.all(axis=0)
+    live[:, 1:] &= ~across
+    if contact.itself:
+        turned = contact.image.frame(1.0, frame.shape[2]).turned if contact.image else None
+        live &= np.stack([rows.moves(each, turned) for each in directions], axis=-1)
+    return clamped, live
 
 
 def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
@@ -529,7 +540,7 @@ def uncovered_profile(interface: Interface, contact: SettledContact) -> list[str
     """A warning where a profile of friction or of the gap ends before the contact does. Not collective."""
     warnings = list[str]()
     for key, values in (
-        *(("friction", value) for value in astuple(contact.friction)),
+        ("friction", contact.rubbing[0]),
         ("gap", contact.opening[0]),
     ):
         if not isinstance(values, Profile) or len(values.points) < 2:

@@ -386,7 +386,9 @@ def contact_state(
     status[~closed] = "open"
     # trapezoidal rule for ∫ g d|u_t|; an open node dissipates only under a bound that needs no pressure, as Tresca's
     slips &= closed[sliding] | (law.bound_at(none) > 0.0)
-    resistance[sliding[slips]] = 0.5 * bound[slips] + 0.5 * law.bound_at(former)[slips]
+    resistance[sliding[slips]] = (
+        0.5 * bound[slips] + 0.5 * (interface.former or law).bound_at(former)[slips]
+    )
     return ContactState(
         interface,
         normal,

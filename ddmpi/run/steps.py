@@ -161,6 +161,7 @@ class March:
         self.iteration.hold(self._now.alpha)
         mechanism = self._mechanism(time)
         assembly.act(self._drawn(time))
+        assembly.space.began(assembly.scene.factors(self._drawn(self._now.time)))
         self._d = joint.d
         span = self._now.time - self._before.time  # zero at a turning point, where _before is _now
         share = (time - self._now.time) / span if span else 0.0
@@ -279,6 +280,8 @@ class March:
             assembly.act(self._drawn(at))
             return beyond_meshes(assembly, self.iteration.held, look_for_mechanism(assembly))
 
+        if any(contact.rubbing[1] for contact in assembly.scene.contact):
+            return look(time)  # loads that can be balanced now are not those of the leg's ends
         if self._safe is None:  # all legs but the first begin at a solved step
             self._safe = self._repeated or (
                 (self._leg > 0 or look(0.0) is None) and look(self._end) is None

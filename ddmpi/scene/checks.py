@@ -34,6 +34,12 @@ def mistakes(scene: Any) -> Iterator[str]:
     yield from _histories(scene)
     for contact in scene.contact:
         yield from _pretension(scene, contact)
+        rubs = contact.rubbing[1]
+        if rubs and min(scene.history[rubs].factors) < 0.0:
+            yield (
+                f"contact.{contact.called}.friction: [history.{rubs}] has a negative factor, and friction is not "
+                "negative"
+            )
         if contact.layer and scene.method.for_one:
             yield (
                 f'contact.{contact.called}.softness: a soft joint needs outer = "newton", the default, not '

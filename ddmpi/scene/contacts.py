@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, ClassVar, Literal, Self, get_args
+from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import msgspec
 import numpy as np
@@ -91,8 +91,8 @@ class SignedProfile(Profile, frozen=True, kw_only=True):
     values: list[Number]
 
 
-class Gap(SignedProfile, frozen=True, kw_only=True):
-    """An initial gap: a profile along the contact, or a ``value``, which may follow a history.
+class Varying(Profile, frozen=True, kw_only=True):
+    """A profile along the contact, or a ``value``, which may follow a history.
 
     Attributes
     ----------
@@ -102,8 +102,8 @@ class Gap(SignedProfile, frozen=True, kw_only=True):
     """
 
     points: list[Number] = []
-    values: list[Number] = []
-    value: Number | Formula | SignedProfile | None = None
+    values: list[NonNegative] = []
+    value: NonNegative | Formula | Profile | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
@@ -115,7 +115,28 @@ class Gap(SignedProfile, frozen=True, kw_only=True):
                 "{ points = […], values = […] }"
             )
         if self.value is None and self.history is not None:
-            raise ValueError('a gap with a history has a value: write { value = …, history = "…" }')
+            raise ValueError('what has a history has a value: write { value = …, history = "…" }')
+
+
+class Gap(Varying, frozen=True, kw_only=True):
+    """An initial gap: a profile along the contact, or a ``value``, which may follow a history.
+
+    Attributes
+    ----------
+    points, values : of the profile
+    value : a number, a formula or a profile, in place of points and values
+    history : [history.NAME] whose factor multiplies the value
+    """
+
+    values: list[Number] = []
+    value: Number | Formula | SignedProfile | None = None
+
+
+def at_times(given: Any) -> tuple[Any, str | None]:
+    """What varies in place, and its history."""
+    if isinstance(given, Varying) and given.value is not None:
+        return given.value, given.history
+    return given, None
 
 
 class Closure(Table, frozen=True, kw_only=True):
@@ -189,10 +210,10 @@ class Coulomb(Table, frozen=True, kw_only=True, tag_field="law", tag="coulomb"):
 
     Attributes
     ----------
-    coefficient : of friction, a number or a profile
+    coefficient : of friction, a number, a formula, a profile, or a value with a history
     """
 
-    coefficient: NonNegative | Profile
+    coefficient: NonNegative | Formula | Varying
 
 
 class Tresca(Table, frozen=True, kw_only=True, tag_field="law", tag="tresca"):
@@ -200,10 +221,10 @@ class Tresca(Table, frozen=True, kw_only=True, tag_field="law", tag="tresca"):
 
     Attributes
     ----------
-    slip_bound : a stress (Pa), a number or a profile
+    slip_bound : a stress (Pa), a number, a formula, a profile, or a value with a history
     """
 
-    slip_bound: NonNegative | Profile
+    slip_bound: NonNegative | Formula | Varying
 
 
 class NoFriction(Table, frozen=True, kw_only=True, tag_field="law", tag="none"):
@@ -290,9 +311,14 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     @property
     def opening(self) -> tuple[Number | Formula | SignedProfile | None, str | None]:
         """The given gap, or None, and its history."""
-        if isinstance(self.gap, Gap) and self.gap.value is not None:
-            return self.gap.value, self.gap.history
-        return self.gap, None
+        return at_times(self.gap)
+
+    @property
+    def rubbing(self) -> tuple[NonNegative | Formula | Profile, str | None]:
+        """The coefficient of friction or the slip bound, 0 without friction, and its history."""
+        if isinstance(self.friction, NoFriction):
+            return 0.0, None
+        return at_times(*msgspec.structs.astuple(self.friction))
 
     @property
     def itself(self) -> bool:

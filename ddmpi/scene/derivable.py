@@ -64,6 +64,14 @@ def refuse_underivable(scene: dict) -> None:
         raise ValueError(
             f'output.derivatives: need outer = "newton", not "{scene["method"]["outer"]}"'
         )
+    for contact in scene["contact"] if wanted else ():
+        if any(
+            isinstance(value, dict) and value.get("history")
+            for value in contact["friction"].values()
+        ):
+            raise ValueError(
+                f"output.derivatives: friction that follows a history, as that of {contact['name']!r}, has none yet"
+            )
     able = derivable(scene) if wanted else []
     for key in wanted:
         if key not in able:

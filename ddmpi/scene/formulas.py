@@ -62,6 +62,8 @@ FORMULAS = (
     "volume_force",
     "gap",
     "temperature",
+    "coefficient",
+    "slip_bound",
 )
 """Keys whose values may be formulas."""
 

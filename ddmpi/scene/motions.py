@@ -333,13 +333,16 @@ def _parts(key: str, motions: list[Motion], axisymmetric: bool) -> Iterator[str]
 
 def _not_sliding(contact: Any) -> Iterator[str]:
     """What a contact has that bodies which slide far cannot have."""
-    numbers = msgspec.structs.astuple(contact.friction)
-    profiles = not all(isinstance(value, float | int) for value in numbers)
+    profiles = not isinstance(contact.rubbing[0], float | int) or bool(contact.rubbing[1])
     for key, given, why in (
         ("kind", contact.kind != "unilateral", "only unilateral contacts slide far"),
         ("gap", contact.gap is not None, "gaps are measured where the bodies are"),
         ("pairing", contact.pairing == "nodes", "nodes do not stay opposite each other"),
-        ("friction", profiles, "profiles along a contact are not possible yet"),
+        (
+            "friction",
+            profiles,
+            "profiles along a contact, formulas and histories are not possible yet",
+        ),
     ):
         if given:
             yield (f'contact.{contact.called}.{key}: does not go with time.motions = "far": {why}')

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from boundaries import join, pair, rectangle, ring, side, touch, turned, uncovered_profile
 
+import ddmpi
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Coulomb, Plane, Profile, SignedProfile
@@ -154,3 +155,52 @@ def test_the_order_of_nodes_does_not_depend_on_rounding(order):
     for lean in (0.0, 1e-16, -1e-16, 3e-16):
         for found in columns(order, lean=lean):
             assert found.xy[0, 1] == 0.0
+
+
+@pytest.mark.parametrize("law", ["tresca", "coulomb"])
+def test_friction_that_follows_a_history_dissipates_by_the_bounds_of_both_ends(law):
+    """½ (g_n + g_n-1) |u_t| of the last step, in which the friction falls from 0.8 to 0.2 of what is given."""
+    key, given = ("slip_bound", 1e6) if law == "tresca" else ("coefficient", "0.2 + 0.1 * x")
+    block = {
+        "name": "block",
+        "mesh": {"shape": "rectangle", "size": [3.0, 1.0], "divisions": [6, 2]},
+        "material": {"young": 2e9, "poisson": 0.0},
+        "clamp": [
+            {"on": "top", "x": 5e-2, "history": "push"},
+            {"on": "top", "y": -1e-2},
+        ],
+    }
+    scene = {
+        "body": [block],
+        "rigid": [{"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}],
+        "contact": [
+            {
+                "bodies": ["block", "floor"],
+                "on": ["bottom"],
+                "friction": {"law": law, key: {"value": given, "history": "wear"}},
+            }
+        ],
+        "history": {
+            "push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 2.0]},
+            "wear": {"times": [1.0, 2.0], "factors": [0.8, 0.2]},
+        },
+        "time": {"points": [1.0, 2.0], "steps": 1},
+        "output": {"figures": False},
+    }
+    answer = ddmpi.solve(scene)
+    assert answer.certified, answer.reason
+    state, first = answer.contacts["block-floor"], answer.summary["steps"][0]
+    assert state.count("slip") == 7 == first["contacts"]["block-floor"]["slip"]
+    now = np.abs(state.tangential_force[:, 0])
+    bound = 2e5 * state.interface.area
+    if law == "coulomb":
+        bound = 0.2 * (0.2 + 0.1 * state.interface.xy[:, 0]) * state.normal_force
+    assert now == pytest.approx(bound, rel=1e-6)
+    # without Poisson's ratio pressures stay nearly the same while the shear goes
+    before = 4.0 * now
+    rubbed = float(0.5 * (now + before) @ np.abs(state.slip[:, 0]))
+    assert state.dissipated == pytest.approx(rubbed, rel=1e-9 if law == "tresca" else 5e-2)
+    energy = answer.summary["energy"]
+    assert law == "tresca" or energy["dissipated"] == pytest.approx(
+        energy["interface_work"], rel=2e-2
+    )

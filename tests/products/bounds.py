@@ -431,7 +431,7 @@ CONTACTS = [
         "contact.upper-lower.gap={points=[0], values=[-1e-300]}",
     ),
     Bound(
-        "a gap with a history has a value: write { value = …, history",
+        "what has a history has a value: write { value = …, history",
         "steps",
         'contact.0.gap={points=[0], values=[1], history="load"}',
         'contact.0.gap={value={points=[0], values=[1]}, history="load"}',
@@ -772,7 +772,7 @@ MOTIONS = [
         "contact.0.pairing=mortar",
     ),
     Bound(
-        "profiles along a contact are not possible yet",
+        "profiles along a contact, formulas and histories are not possible yet",
         "far",
         "contact.0.friction={law='coulomb', coefficient={points=[0], values=[0.3]}}",
         "contact.0.friction={law='coulomb', coefficient=0.3}",
@@ -979,6 +979,8 @@ COPIES = [
 ]
 """Limits of copies of bodies."""
 
+WEAR = "contact.0.friction.coefficient={value=0.3, history='wear'}"
+
 ASKED = [
     Bound(
         "value does not go with constant and slopes",
@@ -1051,6 +1053,40 @@ ASKED = [
         "pair",
         ["method.outer=relaxation", "contact.0.softness=1e-30"],
         ["method.outer=relaxation", "contact.0.softness=0.0"],
+    ),
+    Bound(
+        "contact.upper-lower.friction: [history.wear] has a negative factor",
+        "steps",
+        [
+            "history.wear={times=[0.0, 2.0], factors=[1.0, -1e-30]}",
+            "contact.0.friction.coefficient={value=0.3, history='wear'}",
+        ],
+        [
+            "history.wear={times=[0.0, 2.0], factors=[1.0, 0.0]}",
+            "contact.0.friction.coefficient={value=0.3, history='wear'}",
+        ],
+    ),
+    Bound(
+        "output.derivatives: friction that follows a history, as that of 'upper-lower', has none yet",
+        "steps",
+        [
+            "contact.0.friction.coefficient={value=0.3, history='load'}",
+            "output.derivatives=['contact.upper-lower.gap']",
+            "contact.0.gap=0.0",
+        ],
+        ["contact.0.friction.coefficient={value=0.3, history='load'}", "contact.0.gap=0.0"],
+    ),
+    Bound(
+        'contact.upper-lower.friction.coefficient: the formula "0.3 * w" cannot be evaluated',
+        "pair",
+        "contact.0.friction.coefficient=0.3 * w",
+        "contact.0.friction.coefficient=0.3 * x",
+    ),
+    Bound(
+        "there is no z in the plane",
+        "pair",
+        "contact.0.friction.coefficient=0.3 * z",
+        "contact.0.friction.coefficient=0.3 * y",
     ),
     Bound(
         "a foundation has a stiffness per area",
@@ -1460,6 +1496,12 @@ def overlapping(past: bool) -> dict:
     return stacked(PRESSED, {"bottom": low})
 
 
+def rubbing_backwards(past: bool) -> dict:
+    """A coefficient that is negative at the last node of the side, or next to nothing there."""
+    formula = f"0.3 * ({LOW[2][0] + WIDTH} - x) {'-' if past else '+'} 1e-9"
+    return stacked(PRESSED, {}, friction={"law": "coulomb", "coefficient": formula})
+
+
 def beyond_the_axis(past: bool) -> dict:
     axis = Kind("axis", 1, False)
     block = axis.block(clamp=axis.guides(), **PRESSED)
@@ -1525,6 +1567,7 @@ SOLVED = [
 REFUSED = [
     Solved("is prescribed twice, as 0.001 and, on 'left', as 0.001", clashing),
     Solved("they face away from each other", overlapping),
+    Solved("; friction is not negative", rubbing_backwards),
     Solved("lies on the other side of the axis", beyond_the_axis),
     Solved("sides have 3 and 4 nodes; their meshes must match node by node", of_another_number),
     Solved("the nodes of the two sides do not lie opposite each other", aside),

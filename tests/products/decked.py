@@ -121,6 +121,8 @@ def pair(contact: dict, scene: dict, kind: Kind) -> str | None:
     if contact.keys() - {"bodies", "on", "friction", "kind"} or len(names) < 2:
         return None
     friction, bonded = contact.get("friction", {}), contact.get("kind") == "bonded"
+    if not isinstance(friction.get("coefficient", 0.0), float):
+        return None
     if friction.get("law", "coulomb") != "coulomb" or contact.get("kind") == "guided":
         return None
     if contact["on"] != ["bottom", "top"] or len(scene["body"]) != 2:

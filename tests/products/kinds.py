@@ -279,15 +279,16 @@ def in_steps(scene: dict, last: float) -> dict:
 
 
 def in_cycles(scene: dict) -> dict:
-    """The scene whose history goes back to its turning point and on to its end, three times, and then to its end."""
-    (_, turn, end), (start, there, last) = scene["history"]["way"].values()
+    """The scene whose histories go back to their turning point and on to its end, three times, and then to its end."""
+    _, turn, end = scene["history"]["way"]["times"]
     back, again = end + turn, 2 * end
     return scene | {
         "history": {
-            "way": {
+            name: {
                 "times": [0.0, turn, end, back, again],
-                "factors": [start, there, last, there, last],
+                "factors": [*history["factors"], *history["factors"][1:]],
             }
+            for name, history in scene["history"].items()
         },
         "time": scene["time"]
         | {

@@ -197,7 +197,7 @@ def in_units(scene: dict, kind: Kind, L: float, S: float) -> dict:
             scale(contact["softness"], pressure=S, closure=L)
         else:
             scale(contact, softness=L / S)
-        scale(contact.get("friction", {}), slip_bound=S)
+        scale(contact.get("friction", {}), slip_bound=S, coefficient=1.0)
         scale(contact.get("pretension", {}), force=F)
     return scene
 
@@ -235,6 +235,9 @@ def moved(scene: dict, shift: np.ndarray) -> dict:
         if isinstance(profile := contact.get("friction", {}).get("slip_bound"), dict):
             along = shift["xyz".index(profile["along"])]
             profile["points"] = [point + along for point in profile["points"]]
+        for key, value in contact.get("friction", {}).items():
+            if key != "law" and isinstance(value, str):
+                contact["friction"][key] = places(value)
     for rigid in scene.get("rigid", []):
         move(rigid, "point", "center", "pivot")
     return scene
@@ -306,7 +309,8 @@ def turn(scene: dict, kind: Kind, R: np.ndarray) -> dict | None:
         rotate(rigid, *vectors)
     for contact in scene.get("contact", []):
         rotate(contact.get("pretension", {}), "along")
-        good &= not isinstance(contact.get("friction", {}).get("slip_bound"), dict)
+        friction = contact.get("friction", {})
+        good &= all(isinstance(value, float) for key, value in friction.items() if key != "law")
     return scene if good else None
 
 

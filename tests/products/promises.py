@@ -767,6 +767,30 @@ def trescas_friction_that_grows(kind: Kind) -> Case:
 
 
 @feature
+def trescas_friction_by_formula(kind: Kind) -> Case:
+    """The same bound as that of the profile."""
+    k = 1 if kind.axis else 0
+    start, slope = kind.low[k], 0.06 * LOAD / kind.size[k]
+    return sliding(
+        kind,
+        {"law": "tresca", "slip_bound": f"{0.05 * LOAD} + {slope} * ({'xy'[k]} - {start})"},
+        0.08 * LOAD,
+    )
+
+
+@feature
+def friction_that_wears_in(kind: Kind) -> Case:
+    """It ends at the coefficient that statics is asked with."""
+    case = sliding(kind, {"law": "coulomb", "coefficient": 0.09}, None)
+    given = {"value": 0.09 / 0.7, "history": "wear"} if kind.steps else "0.09 + 0*x"
+    for contact in case.scene["contact"]:
+        contact["friction"] = {"law": "coulomb", "coefficient": given}
+    if kind.steps:
+        case.scene["history"]["wear"] = {"times": [0.0, 1.0, 2.3], "factors": [1.0, 1.2, 0.7]}
+    return case
+
+
+@feature
 def far_motion(kind: Kind) -> Case:
     """A block that is held at its top comes from far above a floor, and is pressed by what is left of its way."""
     way, above = squeezed(kind), 3.7

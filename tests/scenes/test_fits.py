@@ -152,7 +152,7 @@ def test_a_gap_that_closes_is_a_body_that_is_let_down():
             {"value": 1e-4, "points": [0.0], "values": [1.0], "history": "fit"},
             "value does not go with points and values",
         ),
-        ({"points": [0.0], "values": [1.0], "history": "fit"}, "a gap with a history has a value"),
+        ({"points": [0.0], "values": [1.0], "history": "fit"}, "what has a history has a value"),
         ({"value": "1e-4 / z", "history": "fit"}, "there is no z in the plane"),
         (
             {"value": "1e-4 / (y - y)", "history": "fit"},

@@ -1314,6 +1314,20 @@ MUTANTS = [
             "body/test_loads.py::test_clamps_move_the_ends_of_springs",
         ),
         (
+            "friction begins a step as it ends it",
+            "interface/state",
+            "(interface.former or law).bound_at(former)[slips]",
+            "law.bound_at(former)[slips]",
+            "interface/test_profiles.py::test_friction_that_follows_a_history_dissipates_by_the_bounds_of_both_ends",
+        ),
+        (
+            "friction does not follow its history",
+            "coupling/space",
+            "self.laws = Laws([interface.law for interface in self.interfaces])\n            self._place()",
+            "self._place()",
+            "interface/test_profiles.py::test_friction_that_follows_a_history_dissipates_by_the_bounds_of_both_ends",
+        ),
+        (
             "softness is closure per force",
             "interface/interface",
             "return (slope / self.area, offset)",
@@ -1858,7 +1872,7 @@ MUTANTS = [
         (
             "dissipation by the bound at the end alone",
             "interface/state",
-            "law.bound_at(former)[slips]",
+            "(interface.former or law).bound_at(former)[slips]",
             "bound[slips]",
             DISSIPATED,
         ),
@@ -2380,7 +2394,7 @@ MUTANTS = [
         (
             "a friction law is kept",
             "coupling/assembly",
-            "interface = replace(interface, law=law, layer=contact.layer)",
+            "interface = replace(interface, law=law, layer=contact.layer, rub_history=contact.rubbing[1])",
             "del law",
             f"{CHANGED}[held]",
         ),
