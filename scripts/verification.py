@@ -19,6 +19,7 @@ import numpy as np
 import problems.around_axis
 import problems.curved
 import problems.flat
+import problems.images
 import problems.moving
 import problems.solids
 import problems.supports
@@ -33,6 +34,7 @@ PROBLEMS = {
         problems.flat,
         problems.curved,
         problems.supports,
+        problems.images,
         problems.around_axis,
         problems.moving,
         problems.solids,
@@ -68,6 +70,14 @@ AIMS: list[tuple[str, int | None, Order | None, str, float]] = [
     *((name, None, None, "*", 1e-9) for name in ("sliding-block", "turned-pair")),
     ("skew-roller", None, None, "*", 1e-12),
     ("soft-joint", None, None, "*", 1e-9),
+    ("crack", None, None, "displacement where it sticks*", 1e-9),
+    ("crack", 40, 2, "K_II*", 0.01),
+    *(("split-ring", None, None, value, 1e-9) for value in ("worst force*", "worst gap*")),
+    ("split-ring", None, None, "normal force*", 1e-3),
+    ("rotating-sector", None, None, "worst*", 1e-9),
+    ("bolted-sector", None, None, "*", 1e-9),
+    ("wave", None, 1, "worst force*", 1e-9),
+    ("wave", 64, None, "largest pressure*", 0.01),
     *(("rolling-disc", None, None, value, 1e-9) for value in ("N/W", "T/W")),
     ("rolling-disc", 4, None, "turn*", 0.02),
     ("carter", 8, 2, "creep", 0.03),

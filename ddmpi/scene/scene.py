@@ -75,7 +75,10 @@ class Scene(Table, frozen=True, kw_only=True):
         """
         dimension = dimension_of(self, file_kind)
         method = self.method.settled(
-            refinable=self.time is None and all(body.mesh.refinable for body in self.body)
+            refinable=self.time is None
+            and all(
+                body.mesh.refinable and not (body.copy and body.mesh.drawn) for body in self.body
+            )
         )
         order, bodies, aimed = self._order(method, file_kind)
         bonded = {contact.bodies[1] for contact in self.contact if contact.kind == "bonded"}

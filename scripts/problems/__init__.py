@@ -1,7 +1,8 @@
 """What the verification problems share: their form, and what is compared.
 
 docs/tables/verification.md says what each problem shows, what its scene is, and where the exact values are from. They
-stand in flat.py, curved.py, supports.py, around_axis.py, moving.py and solids.py; bodies.py and revolved.py have what
+stand in flat.py, curved.py, supports.py, images.py, around_axis.py, moving.py and solids.py; bodies.py and revolved.py
+have what
 their scenes are made of, forms.py the closed forms that some share.
 """
 

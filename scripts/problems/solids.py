@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.integrate import quad
@@ -462,5 +463,98 @@ def turned_solid(n: int, order: Order, folder: Path) -> Results:
             Position(lambda xy: np.linalg.norm(xy[:, :2] - 0.5, axis=1), "r (m)"),
             "tangential over normal force",
             values=ratio,
+        ),
+    )
+
+
+def quarters(bodies: list[dict], contacts: list[dict]) -> tuple[list[dict], list[dict]]:
+    """The bodies of four sectors, and their contacts; one with an image is with the body of the next sector."""
+    axis = {"axis": [0.0, 0.0, 1.0]}
+    pieces, joints = [], []
+    for k in range(4):
+        for piece in bodies:
+            own = dict(piece)
+            if k:
+                del own["mesh"], own["material"]
+                own["copy"] = {"of": f"{piece['name']}0", "turn": 90.0 * k} | axis
+            pieces.append(own | {"name": f"{piece['name']}{k}"})
+        for joint in contacts:
+            first, second = joint["bodies"]
+            other = (k + 1) % 4 if "image" in joint else k
+            own = {key: value for key, value in joint.items() if key != "image"}
+            joints.append(
+                own | {"name": f"{joint['name']}{k}", "bodies": [f"{first}{k}", f"{second}{other}"]}
+            )
+    return pieces, joints
+
+
+OUTWARD = Position(lambda xyz: xyz[:, 0] + xyz[:, 1], "x + y (m)")
+"""From the inner to the outer edge of a quarter of a square."""
+
+
+def across_flange(state: ContactState) -> tuple[np.ndarray, np.ndarray]:
+    """Places from edge to edge of a flange, and the mean pressure there."""
+    at, row = np.unique(np.round(OUTWARD(state.interface.xy), 9), return_inverse=True)
+    return at, np.bincount(row.ravel(), state.pressure) / np.bincount(row.ravel())
+
+
+@problem("A bolted flange as a sector", (1, 2, 3), orders=(1,))
+def bolted_sector(n: int, order: Order, folder: Path) -> Results:
+    force = 2e8
+
+    def wedge(name: str, inner: float, outer: float, low: float, high: float, **keys: Any) -> dict:
+        plane_of = [(inner, 0.0), (outer, 0.0), (0.0, outer), (0.0, inner)]
+        corners = [(*at, z) for z in (low, high) for at in plane_of]
+        along_radius = max(round(5 * (outer - inner)), 1) * n
+        mesh = between(corners, (along_radius, 3 * n, 2 * n), order)
+        return body(name, mesh, 2e11, 0.3) | keys
+
+    spin = {"volume_force": ["1e7 * x", "1e7 * y", 0.0]}
+    bodies = [
+        wedge("lower", 1.0, 2.0, 0.0, 1.0, clamp=["bottom"]),
+        wedge("inner", 1.0, 1.4, 1.0, 2.0, **spin),
+        wedge("outer", 1.6, 2.0, 1.0, 2.0, **spin),
+        wedge("shank", 1.4, 1.6, 1.0, 2.0),
+        wedge("head", 1.0, 2.0, 2.0, 2.4),
+    ]
+    friction = coulomb(0.15)
+    joints = [
+        contact("shank", "lower", "bottom", "top", kind="bonded", name="thread"),
+        contact("head", "shank", "bottom", "top", kind="bonded", name="neck"),
+    ]
+    joints[0]["pretension"] = {"force": force, "along": [0.0, 0.0, -1.0]}
+    for part in ("inner", "outer"):
+        joints.append(
+            contact(part, "lower", "bottom", "top", friction=friction, name=f"{part}-below")
+        )
+        joints.append(
+            contact("head", part, "bottom", "top", friction=friction, name=f"{part}-above")
+        )
+    image = {"turn": 90.0, "axis": [0.0, 0.0, 1.0]}
+    for piece in bodies:
+        name = piece["name"]
+        joints.append(
+            contact(name, name, "back", "front", kind="bonded", name=f"flank-{name}", image=image)
+        )
+    one = solved(bodies, joints, tolerance=1e-12)
+    whole = solved(*quarters(bodies, joints), tolerance=1e-12)
+    names = [piece["name"] for piece in bodies]
+    size = max(np.abs(whole.bodies[f"{name}0"].displacement).max() for name in names)
+    apart = max(
+        np.abs(one.bodies[name].displacement - whole.bodies[f"{name}0"].displacement).max()
+        for name in names
+    )
+    lifted = one.summary["whole"]["contacts"]
+    pressed = sum(lifted[f"{part}-below"]["normal_force"] for part in ("inner", "outer"))
+    state = one.contacts["inner-below"]
+    return (
+        {
+            "worst displacement, sector less whole": (apart / size, 1e-8),
+            "force of all bolts (N)": (-lifted["thread"]["force"][2], 4.0 * force, 1e-8),
+            "force under the flange (N)": (pressed, 4.0 * force, 1e-6),
+        },
+        one,
+        along(
+            state, lambda x: np.interp(x, *across_flange(whole.contacts["inner-below0"])), OUTWARD
         ),
     )

@@ -33,6 +33,8 @@ def as_deck(scene: dict, kind: Kind) -> str | None:
             return None
         parts, loads = parts + found[0], loads + found[1]
     for contact in scene.get("contact", []):
+        if "image" in contact:
+            return None
         joined = pair(contact, scene, kind)
         if joined is None:
             return None

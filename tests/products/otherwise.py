@@ -199,6 +199,7 @@ def in_units(scene: dict, kind: Kind, L: float, S: float) -> dict:
             scale(contact, softness=L / S)
         scale(contact.get("friction", {}), slip_bound=S, coefficient=1.0)
         scale(contact.get("pretension", {}), force=F)
+        scale(contact.get("image", {}), shift=L)
     return scene
 
 
@@ -309,6 +310,7 @@ def turn(scene: dict, kind: Kind, R: np.ndarray) -> dict | None:
         rotate(rigid, *vectors)
     for contact in scene.get("contact", []):
         rotate(contact.get("pretension", {}), "along")
+        rotate(contact.get("image", {}), "shift")
         friction = contact.get("friction", {})
         good &= all(isinstance(value, float) for key, value in friction.items() if key != "law")
     return scene if good else None

@@ -537,6 +537,35 @@ def guide_that_is_pulled(kind: Kind) -> Case:
 
 
 @feature
+def periodic_cell(kind: Kind) -> Case:
+    """A block that is pulled upwards, whose sides are bonded to those of its neighbours: it cannot strain aside."""
+    axes = range(kind.d - 1)
+    sides = [("left", "right"), ("front", "back")]
+    contacts = [
+        {"name": f"side{k}", "bodies": ["block", "block"], "on": list(sides[k]), "kind": "bonded"}
+        | {"image": {"shift": (-kind.size[k] * np.eye(kind.d)[k]).tolist()}}
+        for k in axes
+    ]
+    traction = [{"on": "top", "value": (LOAD * kind.up).tolist()}]
+    scene = kind.scene(kind.block(clamp=[kind.hold("bottom")], traction=traction), contact=contacts)
+    if kind.axis:
+        return Case(scene, refused="axisymmetric bodies have images along y only")
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+    nu = STEEL.poisson[0]
+    aside = LOAD * (nu if kind.name == "stress" else nu / (1 - nu))
+    strain = np.diag(LOAD / kind.confined(STEEL) * kind.up)
+    areas = [np.prod(np.delete(kind.size, k)) for k in axes]
+    found = told(
+        LOAD * kind.area(),
+        bodies__block__reactions__bottom__force=-LOAD * kind.area() * kind.up,
+        **{f"contacts__side{k}__normal_force": -aside * areas[k] for k in axes},
+    )
+    stored = 0.5 * LOAD * strain[-1, -1] * kind.area() * kind.size[-1]
+    return Case(scene, told=found, fields={"block": kind.field(strain)}, stored=stored)
+
+
+@feature
 def pretension(kind: Kind) -> Case:
     """A cut between two supports: the given force, with the offset that both blocks give way."""
     case = stacked(kind, LOAD, walls=True, kind="bonded")

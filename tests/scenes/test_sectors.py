@@ -299,6 +299,27 @@ def test_an_image_that_does_not_face_is_refused():
     assert_refused(sector, words)
 
 
+def test_a_prepared_model_knows_an_image():
+    """Cases of a model with other turns, laws and sectors have the answers of runs by themselves."""
+    sector = rings(1, **BOND)[0]
+    with ddmpi.prepare(sector, MPI.COMM_SELF) as model:
+        for change in (
+            {},
+            {"contact.ring-ring.kind": "unilateral", "contact.ring-ring.friction": FRICTION},
+            {
+                "contact.ring-ring.image.turn": 60.0,
+                "body.ring.mesh.angles": [0.0, 60.0],
+                "body.ring.traction.0.pressure": 1e8,
+            },
+            {"contact.ring-ring.image.pivot": [0.0, 0.0]},
+        ):
+            case, alone = model.solve(change), ddmpi.solve(sector, MPI.COMM_SELF, change)
+            assert case.certified
+            assert case.contacts["ring-ring"].forces == pytest.approx(
+                alone.contacts["ring-ring"].forces, rel=1e-9
+            )
+
+
 def test_a_sector_is_told(caplog):
     """The log says of how many sectors a scene is one, and what turns with it."""
     with caplog.at_level("INFO"):

@@ -178,6 +178,71 @@ def test_sides_of_a_slit_do_not_penetrate_each_other(tmp_path):
     assert 'add a contact with bodies = ["block", "block"]' in warning
 
 
+def test_a_body_that_moves_far_takes_its_slit_along(tmp_path):
+    """The forces on the sides of a slit turn with the body, and stay what they are along its normals."""
+    load = {"on": "top", "value": LOAD, "history": "load", "follows": True}
+    far = scene(tmp_path, FLAT, 1, load, friction=FRICTION, pairing="mortar")
+    far["body"][0]["motion"] = {"turn": 40.0, "history": "turn"}
+    far |= {
+        "history": {
+            "load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 1.0]},
+            "turn": {"times": [1.0, 2.0], "factors": [0.0, 1.0]},
+        },
+        "time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"},
+    }
+    still = deepcopy(far)
+    del still["time"]["motions"], still["body"][0]["motion"], still["history"]["turn"]
+    del still["body"][0]["traction"][0]["follows"]
+    steps = [step["contacts"]["lips"] for step in certified(far).summary["steps"]]
+    before, turned = steps[1], steps[3]
+    size = np.linalg.norm(before["force"])
+    angle = np.radians(40.0)
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    assert turned["force"] == pytest.approx(turn @ before["force"], abs=1e-8 * size)
+    assert turned["normal_force"] == pytest.approx(before["normal_force"], rel=1e-8)
+    here = certified(still).contacts["lips"].normal_force.sum()
+    assert before["normal_force"] == pytest.approx(here, rel=1e-5)
+
+
+def test_derivatives_and_bars_know_a_slit(tmp_path):
+    """By the size of an interference, and by friction, forces change as by differences; forces have bars."""
+    fit = scene(tmp_path, FLAT, 1, LOAD, friction=FRICTION, gap=-1e-4)
+    fit["contact"][0]["friction"] = {"law": "coulomb", "coefficient": 0.1}
+    fit["method"] = {"tolerance": 1e-12}
+    keys = ["contact.lips.gap", "contact.lips.friction.coefficient"]
+    asked = {"output": {"derivatives": keys, "errors": ["contacts.lips.normal_force"]}}
+    answer = certified(fit | asked)
+    for key, value in zip(keys, (-1e-4, 0.1), strict=True):
+        ends = [_with(fit, key, value * (1.0 + k)) for k in (-1e-4, 1e-4)]
+        change = (ends[1] - ends[0]) / (2e-4 * value)
+        found = answer.summary["derivatives"][key]["contacts"]["lips"]["normal_force"]
+        assert found == pytest.approx(change, rel=1e-5)
+    assert answer.summary["errors"]["contacts.lips.normal_force"]["bar"] > 0.0
+
+
+def _with(slit: dict, key: str, value: float) -> float:
+    answer = ddmpi.solve(slit, MPI.COMM_SELF, {key: value})
+    assert answer.certified
+    return answer.summary["contacts"]["lips"]["normal_force"]
+
+
+def test_a_prepared_model_knows_a_slit(tmp_path):
+    """Cases of a model have the answers of runs by themselves."""
+    slit = scene(tmp_path, FLAT, 1, LOAD, friction=FRICTION)
+    with ddmpi.prepare(slit, MPI.COMM_SELF) as model:
+        for change in (
+            {},
+            {"contact.lips.friction.coefficient": 0.1},
+            {"contact.lips.kind": "bonded", "contact.lips.friction": {"law": "none"}},
+            {"body.block.material.young": 2e9},
+            {"contact.lips.pairing": "mortar"},
+        ):
+            case, alone = model.solve(change), ddmpi.solve(slit, MPI.COMM_SELF, change)
+            assert case.contacts["lips"].forces == pytest.approx(
+                alone.contacts["lips"].forces, rel=1e-12
+            )
+
+
 @pytest.mark.mpi(ranks=2)
 def test_ranks_share_a_body_with_a_slit(tmp_path):
     """Of a body that two ranks share, and of two bodies on two ranks, the answers are those of one rank."""
