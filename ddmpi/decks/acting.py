@@ -64,7 +64,7 @@ class Acts:
         every = [acting for kind in self.kinds.values() for acting in kind.values()]
         odd = [acting.card for acting in every if not _is_ramp(acting.course)]
         several = len(self.model.ends) > 1 and not self.model.final
-        if several or (odd and self.model.friction):
+        if several or self.model.rubbing or (odd and self.model.friction):
             return True
         for card in odd:
             self.notes.add("changed", card, "its amplitude counts at the end of the step")

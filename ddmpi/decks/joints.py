@@ -11,12 +11,16 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import Card, called, number
+from ddmpi.decks.cards import Acting, Card, DeckError, called, entry, number, numbers
 from ddmpi.decks.pieces import Piece
 from ddmpi.errors import InputError
+from ddmpi.scene.contacts import Closure
 
 Side = tuple[Piece, np.ndarray]
 """A body, and its facets of a surface."""
+
+Laws = tuple[bool, Any, Any]
+"""Whether surfaces are tied, their coefficient of friction, and their softness, as in a scene."""
 
 Pair = tuple[Piece, np.ndarray, Piece, np.ndarray]
 """Slave and master, each with its facets."""
@@ -29,9 +33,7 @@ class Joints:
         self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
         self.kinds = acts.kinds
         self.cleared: list[Card] = []
-        self.met: list[
-            tuple[Card, tuple[bool, float], dict[str, set[int]]]
-        ] = []  # faces in contact so far
+        self.met: list[tuple[Card, Laws, dict[str, set[int]]]] = []  # faces in contact so far
 
     def unmet(self) -> None:
         """Note clearances of surfaces that are in no contact."""
@@ -39,7 +41,7 @@ class Joints:
             if clearance not in self.cleared:
                 self.notes.add("lost", clearance, "no *CONTACT PAIR has these surfaces")
 
-    def _again(self, card: Card, laws: tuple[bool, float], pair: Pair) -> bool:
+    def _again(self, card: Card, laws: Laws, pair: Pair) -> bool:
         """Whether a contact of the same faces is there already, in either order. Those that share some of their faces
         on both sides, or differ in their laws, are lost."""
         slave, on, master, against = pair
@@ -79,10 +81,10 @@ class Joints:
         self, card: Card, slave_surface: str, master_surface: str
     ) -> Iterable[dict[str, Any]]:
         """The contacts of a pair of surfaces, one for each two bodies that they have."""
-        tied, friction = self._law(card)
+        tied, friction, softness = laws = self._law(card)
         names = slave_surface, master_surface
         slaves, masters = (self._side(card, name) for name in names)
-        joined = self._joined(card, (tied, friction), slaves, masters)
+        joined = self._joined(card, laws, slaves, masters)
         for slave, on, master, against in joined:
             contact: dict[str, Any] = {
                 "bodies": [slave.name, master.name],
@@ -92,6 +94,8 @@ class Joints:
                 contact["kind"] = "bonded"
             elif friction:
                 contact["friction"] = {"law": "coulomb", "coefficient": friction}
+            if softness:
+                contact["softness"] = softness
             if not self._held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
                 contact["slave"] = slave.name  # supported or rigid all over it could be none
             gap = self._clearance(names)
@@ -118,20 +122,46 @@ class Joints:
         self.notes.add("taken", clearance, "gap")
         return number(clearance.given["VALUE"])
 
-    def _law(self, card: Card) -> tuple[bool, float]:
-        """Whether a pair of surfaces is tied, and its coefficient of friction. Raises InputError."""
-        law = dict[str, Card]()
+    def _law(self, card: Card) -> Laws:
+        """Of a pair of surfaces. Raises InputError."""
+        law, name = dict[str, Card](), ""
         if card.word != "TIE":
             name = card.name_of("INTERACTION").upper()
             if name not in self.model.interactions:
                 raise InputError(card.tells(f"there is no *SURFACE INTERACTION {name}"))
             law = self.model.interactions[name]
-        behaviour = law.get("SURFACEBEHAVIOR", card).says("PRESSURE-OVERCLOSURE")
-        friction = number(law["FRICTION"].rows[0][0] or "0") if "FRICTION" in law else 0.0
-        return card.word == "TIE" or behaviour == "TIED", friction
+        behaviour = law.get("SURFACEBEHAVIOR", card)
+        friction: Any = number(law["FRICTION"].rows[0][0] or "0") if "FRICTION" in law else 0.0
+        if changes := self.model.rubbing.get(name):
+            course = [(0.0, friction)]
+            for k, end in enumerate(self.model.ends):
+                course.append((end, changes.get(k, course[-1][1])))
+            friction, history = self.acts.factor(Acting(card, tuple(course)))
+            friction = {"value": friction, "history": history} if history else friction
+        tied = card.word == "TIE" or behaviour.says("PRESSURE-OVERCLOSURE") == "TIED"
+        return tied, friction, None if tied else self._softness(behaviour)
+
+    def _softness(self, card: Card) -> Any:
+        """The softness of *SURFACE BEHAVIOR; None of a hard one."""
+        with card.reading():
+            match card.says("PRESSURE-OVERCLOSURE"):
+                case "LINEAR":
+                    stiffness = number(entry(card.rows[0] if card.rows else [], 0, "0"))
+                    if stiffness <= 0.0:
+                        raise DeckError("the slope of pressure over overclosure must be positive")
+                    return 1.0 / stiffness
+                case "TABULAR":
+                    rows = [numbers(row[:2]) for row in card.rows]
+                    table = {"pressure": [p for p, _ in rows], "closure": [w for _, w in rows]}
+                    try:
+                        Closure(**table)
+                    except ValueError as error:
+                        self.notes.add("lost", card, str(error))
+                    return table
+        return None
 
     def _joined(
-        self, card: Card, law: tuple[bool, float], slaves: Sequence[Side], masters: Sequence[Side]
+        self, card: Card, law: Laws, slaves: Sequence[Side], masters: Sequence[Side]
     ) -> list[Pair]:
         """The sides of a pair of surfaces by two bodies, without those that are in contact already."""
         found = [(*a, *b) for a, b in product(slaves, masters) if a[0] is not b[0]]

@@ -52,6 +52,7 @@ class Model:
     materials : by name (capitals): keyword → its rows and parameters
     sections : elements, material, thickness, orientation, of each section
     pairs : keyword, slave and master of surfaces in contact or tied
+    rubbing : coefficients of friction that change, by interaction and number of the step
     interactions : keywords by name; clearances : of contacts by their surfaces
     supports, forces : by node and component
     pressures : by element and face: pressure, or with the components of TRVEC a traction
@@ -70,6 +71,7 @@ class Model:
         self.pairs: list[tuple[Card, str, str]] = []
         self.interactions: dict[str, dict[str, Card]] = {}
         self.clearances: dict[frozenset[str], Card] = {}
+        self.rubbing: dict[str, dict[int, float]] = {}
         self.kinds: dict[str, dict[Any, Acting]] = {
             kind: {} for kind in ("supports", "forces", "pressures", "body_forces", "heat")
         }
@@ -116,6 +118,7 @@ class Model:
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
         self._since = 0  # place of the first card of this step
+        self._changed = ""  # the interaction of which a step changes something
         self._opened: dict[str, Card] = {}  # the first card of each kind in a step
         self._read()
 
@@ -155,7 +158,7 @@ class Model:
     @property
     def friction(self) -> bool:
         """Whether any contact has friction."""
-        return any("FRICTION" in law for law in self.interactions.values())
+        return bool(self.rubbing) or any("FRICTION" in law for law in self.interactions.values())
 
     def temperatures(self, nodes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """(n,) the temperatures of nodes at first and at the end."""
@@ -378,6 +381,9 @@ class Model:
     def _keep(self, card: Card, within: str = "MATERIAL") -> None:
         if self._within == "CHANGED":  # in a step; that this changes is lost
             return
+        if self._within == "CHANGESURFACEBEHAVIOR":
+            self._inside[card.word] = card
+            return
         if self._within != within.replace(" ", ""):
             raise DeckError(f"it does not follow *{within}")
         other = self._inside.setdefault(card.word, card)
@@ -397,11 +403,14 @@ class Model:
             self.notes.add("lost", card, "contact that never opens")
         elif law == "TIED":
             self.notes.add("changed", card, "tied contact: bonded, without stiffness")
+        elif law in ("LINEAR", "TABULAR"):
+            self.notes.add("taken", card, "a soft joint, without tension")
         elif law != "HARD":
             self.notes.add("changed", card, f"{law}: hard contact, the stiffness is dropped")
 
     def _on_friction(self, card: Card) -> None:
-        self._keep(card, "SURFACE INTERACTION")
+        if self._within != "CHANGEFRICTION":
+            self._keep(card, "SURFACE INTERACTION")
         if not card.rows or number(entry(card.rows[0], 0, "0")) < 0.0:
             raise DeckError("it needs a coefficient of friction, which is not negative")
         if len(card.rows) > 1:
@@ -409,6 +418,22 @@ class Model:
         if any(card.values()[1:2]):
             self.notes.add("changed", card, "the stick slope is dropped: nodes stick without slip")
         self.notes.add("taken", card, "coefficient of friction")
+        if self._within == "CHANGEFRICTION":
+            self.rubbing[self._changed][len(self.ends)] = number(entry(card.rows[0], 0, "0"))
+            self.notes.add("changed", card, "friction goes to this coefficient over the step")
+
+    def _on_changefriction(self, card: Card) -> None:
+        """The keyword after it gives what changes of an interaction, over this step."""
+        self._changed, self._within = card.name_of("INTERACTION").upper(), card.word
+        if self._changed not in self.interactions:
+            raise DeckError(f"there is no *SURFACE INTERACTION {self._changed}")
+        self._inside = self.interactions[self._changed]
+        if card.word == "CHANGEFRICTION":
+            self.rubbing.setdefault(self._changed, {})
+        else:
+            self.changing.append((card, "a contact law that changes"))
+
+    _on_changesurfacebehavior = _on_changefriction
 
     def _on_solidsection(self, card: Card) -> None:
         self.sections.append(

@@ -158,20 +158,75 @@ def test_contact_friction_and_load_steps(tmp_path):
             "bodies": ["B", "A"],
             "on": ["SLAVE", "MASTER"],
             "friction": {"law": "coulomb", "coefficient": 0.2},
+            "softness": 1e-6,
             "slave": "B",
         }
     ]
     assert scene["time"] == {"points": [1.0, 3.0]}
     assert scene["history"] == {"h1": {"times": [0.0, 1.0, 3.0], "factors": [0.0, 1.0, 0.4]}}
-    for words in ("LINEAR: hard contact", "stick slope", "warning: NLGEOM"):
+    for words in ("stick slope", "warning: NLGEOM"):
         assert words in lists.split("changed:")[1]
+    assert "a soft joint, without tension" in lists
     answer = solved(tmp_path, deck)
     modulus = YOUNG * 0.7 / 1.3 / 0.4
     assert [
         step["contacts"]["B-A"]["normal_force"]
         for step in answer.summary["steps"]
         if step["time"] in (1.0, 3.0)
-    ] == pytest.approx([modulus * 0.0005, modulus * 0.0002], rel=1e-6)
+    ] == pytest.approx(np.array([0.001, 0.0004]) / (2.0 / modulus + 1e-6), rel=1e-6)
+
+
+def test_a_soft_joint_by_a_table(tmp_path):
+    """Pressures over overclosures, of which the last two count; one that gets softer is lost."""
+    law = LAW + "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=TABULAR\n0., 0.\n20., 1e-4\n200., 2e-4\n"
+    deck = stack(PAIR, law) + step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
+    contact = solved(tmp_path, deck).contacts["B-A"]
+    pressed = (0.001 - 1e-4 + 20.0 / 1.8e6) / (2.0 / (YOUNG * 0.7 / 1.3 / 0.4) + 1.0 / 1.8e6)
+    assert contact.pressure == pytest.approx(np.full(len(contact.pressure), pressed), rel=1e-6)
+    assert contact.gap == pytest.approx(-1e-4 - (pressed - 20.0) / 1.8e6, rel=1e-6)
+    softer = deck.replace("200., 2e-4", "30., 2e-4")
+    assert "*SURFACE BEHAVIOR: beyond a pressure of 20 the joint gets softer" in refused(
+        tmp_path, softer
+    )
+    slope = LAW + "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n0., 3.\n"
+    assert "the slope of pressure over overclosure must be positive" in refused(
+        tmp_path, stack(PAIR, slope) + step("*BOUNDARY", "B_Z1, 3, 3, -0.001")
+    )
+
+
+def test_contact_laws_that_change(tmp_path):
+    """Friction goes to its new coefficient over its step; another stiffness is that of the end, without friction."""
+    press, law = step("*BOUNDARY", "B_Z1, 3, 3, -0.001"), LAW + "*FRICTION\n0.2\n"
+    change = step("*CHANGE FRICTION, INTERACTION=I", "*FRICTION", "0.5")
+    scene, lists = imported(tmp_path, stack(PAIR, law) + press + change + press)
+    coefficient = scene["contact"][0]["friction"]["coefficient"]
+    assert (
+        coefficient["value"] == 0.5 and "friction goes to this coefficient over the step" in lists
+    )
+    assert scene["history"][coefficient["history"]] == {
+        "times": [0.0, 1.0, 2.0, 3.0],
+        "factors": [0.4, 0.4, 1.0, 1.0],
+    }
+    one = imported(
+        tmp_path,
+        stack(PAIR, law)
+        + press.replace("*STATIC", "*STATIC\n*CHANGE FRICTION, INTERACTION=I\n*FRICTION\n0."),
+    )[0]
+    assert one["contact"][0]["friction"]["coefficient"]["value"] == 0.2
+    soft = step(
+        "*CHANGE SURFACE BEHAVIOR, INTERACTION=I",
+        "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR",
+        "1e5",
+    )
+    scene, lists = imported(tmp_path, stack(PAIR, LAW) + press + soft)
+    assert scene["contact"][0]["softness"] == 1e-5 and "time" not in scene
+    assert "a contact law that changes: only the state at the end" in lists
+    assert "*CHANGE SURFACE BEHAVIOR: a contact law that changes" in refused(
+        tmp_path, stack(PAIR, law) + press + soft
+    )
+    assert "there is no *SURFACE INTERACTION J" in refused(
+        tmp_path, stack(PAIR, law) + press + change.replace("=I", "=J")
+    )
 
 
 def test_uneven_forces_are_no_double_load(tmp_path):
