@@ -33,6 +33,7 @@ from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
 from ddmpi.mesh.refine import GRADE, Sizes
 from ddmpi.mesh.shapes import draw_shape
 from ddmpi.scene.bodies import BodySpec
+from ddmpi.scene.meshes import AROUND, MeshSpec
 from ddmpi.system.interrupt import apart
 
 TRUST = "DDMPI_TRUST_GEOMETRY"
@@ -55,10 +56,6 @@ READS = re.compile(
 
 READ_AS_DATA = (".step", ".stp", ".brep", ".brp", ".iges", ".igs", ".stl")
 """Lower-case endings of files that gmsh never reads as scripts."""
-
-AROUND = 24
-"""Elements around a full circle, at least: beyond 40 degrees from one side to the next a contact has a corner. With
-Mesh.MeshSizeFromCurvature gmsh 4.15 never ends on small arcs."""
 
 MOST = 200
 """Most elements along a curve or a face because of its curvature."""
@@ -286,7 +283,7 @@ def _draw(
             gmsh.option.setNumber(option, value)
         gmsh.option.setNumber("General.Terminal", 1)  # for who waits
         if sizes:
-            _follow(gmsh, sizes, body.mesh.largest, label)
+            _follow(gmsh, sizes, body.mesh, label)
         else:
             _refuse_tiny(gmsh, body, contacts, label)
             _refine_towards(gmsh, body, contacts)
@@ -389,7 +386,7 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
         gmsh.option.setNumber(option, min(gmsh.option.getNumber(option), most))
     side = gmsh.model.getDimension() - 1
     background = re.search(r"^Background Field = (\d+);", _unrolled(gmsh), re.M)
-    fields = _around(gmsh, largest) + ([int(background[1])] if background else [])
+    fields = _around(gmsh, body.mesh) + ([int(background[1])] if background else [])
     near = _of_groups(gmsh, side, contacts)
     for name, size in body.mesh.size_on.items():
         along = _of_groups(gmsh, side, [name])
@@ -410,7 +407,7 @@ def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
         gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "Min", FieldsList=fields))
 
 
-def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
+def _follow(gmsh, sizes: Sizes, spec: MeshSpec, label: str) -> None:
     """Prescribe the sizes of elements, overriding those of the file."""
     gmsh.model.mesh.removeConstraints()  # numbers of nodes on curves; but those of gmsh's own kernel remain
     script = _unrolled(gmsh)
@@ -431,23 +428,25 @@ def _follow(gmsh, sizes: Sizes, largest: float, label: str) -> None:
     gmsh.view.addListData(view, {2: "ST", 3: "SS"}[d], len(corners), data)
     for option, value in (
         ("SizeMin", 0.0),
-        ("SizeMax", largest),
+        ("SizeMax", spec.largest),
         ("SizeFactor", 1.0),
         ("SizeFromPoints", 0),
         ("SizeExtendFromBoundary", 0),
         ("SizeFromCurvature", 0),
     ):
         gmsh.option.setNumber(f"Mesh.Mesh{option}", value)
-    fields = [_field(gmsh, "PostView", ViewTag=view), *_around(gmsh, largest)]
+    fields = [_field(gmsh, "PostView", ViewTag=view), *_around(gmsh, spec)]
     gmsh.model.mesh.field.setAsBackgroundMesh(_field(gmsh, "Min", FieldsList=fields))
 
 
-def _around(gmsh, largest: float) -> list[int]:
-    """Size fields for elements that are small enough for the radii of curves and faces."""
+def _around(gmsh, spec: MeshSpec) -> list[int]:
+    """Size fields for elements that are small enough for the radii of curves and faces. With
+    Mesh.MeshSizeFromCurvature gmsh 4.15 never ends on small arcs."""
+    largest, around = spec.largest, spec.around or AROUND
     alike: dict[tuple[int, int], list[tuple[float, int]]] = {}
     for dimension, tag in [*gmsh.model.getEntities(1), *gmsh.model.getEntities(2)]:
         bend, length = {1: curve_bend, 2: face_bend}[dimension](gmsh, tag)
-        size = max(2 * np.pi / AROUND / max(bend, 1 / OFF), length / MOST)
+        size = max(2 * np.pi / around / max(bend, 1 / OFF), length / MOST)
         if size < largest and length > TINY * extent(gmsh):
             alike.setdefault((dimension, round(np.log(size) / ALIKE)), []).append((size, tag))
     return [

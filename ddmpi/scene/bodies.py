@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import force_setattr, replace
 
-from ddmpi.scene.meshes import TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, SettledMesh
+from ddmpi.scene.meshes import AROUND, TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, SettledMesh
 from ddmpi.scene.motions import Copy, Motions
 from ddmpi.scene.values import (
     AffineScalar,
@@ -529,7 +529,10 @@ class BodySpec(Table, frozen=True, kw_only=True):
         materials = [
             replace(material, plane=plane, **material.axes_in(place)) for material in self.materials
         ]
-        settled_mesh = settle(mesh, SettledMesh, order=order, contact_size=finest, origin=origin)
+        around = mesh.around or (AROUND if mesh.drawn else None)
+        settled_mesh = settle(
+            mesh, SettledMesh, order=order, contact_size=finest, origin=origin, around=around
+        )
         return settle(
             self,
             SettledBody,

@@ -63,6 +63,9 @@ GEOMETRIES = (".geo", ".step", ".stp", ".brep", ".brp")
 TOWARDS_CONTACTS = 0.25
 """The default ``contact_size`` of a geometry over its ``size``."""
 
+AROUND = 24
+"""The default ``around``. With less than nine elements, 40 degrees from one side to the next, a contact has a corner."""
+
 Sizes = Annotated[tuple[Positive, ...], msgspec.Meta(min_length=2, max_length=3)] | Positive
 """A size in each direction, or one number."""
 
@@ -112,6 +115,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     contact_size : size of a geometry's elements along contacts (m); left out, a quarter of size
     size_on : sizes of a geometry's elements along groups by name or number (m), in contacts as well, as in
         { bore = 1.5, 27 = 3.0 }
+    around : of a geometry, a ball and a cylinder: elements around a full circle, at least; left out, 24
     order : 1 for linear elements, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
         a geometry, and as a second-order file has them; the same for all bodies. Left out, it follows another body
         that names it, then the preset; then it is 2 beside
@@ -141,6 +145,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     part: Group | Count | None = None
     contact_size: Positive | None = None
     size_on: dict[Group, Positive] = {}
+    around: Annotated[int, msgspec.Meta(ge=9, le=10_000)] | None = None
     order: Literal[1, 2] | None = None
     refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
 
@@ -226,7 +231,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         """Raise ValueError if a key is given that belongs to other meshes."""
         if any(self.origin or ()) and self.shape not in WITH_ORIGIN:
             raise ValueError(f"origin belongs to a rectangle or a box, not to {self._what}")
-        for key in ("contact_size", "size_on"):
+        for key in ("contact_size", "size_on", "around"):
             if getattr(self, key) and not self.drawn:
                 raise ValueError(f"{key} belongs to a geometry, not to {self._what}")
         self._check_cells()

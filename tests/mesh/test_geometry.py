@@ -99,6 +99,9 @@ def test_circles_have_enough_elements(tmp_path):
     """A small hole in a coarse plate is round: its sides turn by 15 degrees, not so much as to be corners."""
     mesh = drawn(write(tmp_path / "hole.geo", HOLE), size=1.0)
     assert 24 <= len(mesh.groups["hole"]) <= 28
+    few, many = (drawn(tmp_path / "hole.geo", size=1.0, around=around) for around in (12, 48))
+    assert 12 <= len(few.groups["hole"]) <= 14
+    assert 48 <= len(many.groups["hole"]) <= 54
     assert mesh.measures().sum() == pytest.approx(2 - np.pi * 0.04, rel=2e-3)
 
 

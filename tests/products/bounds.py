@@ -292,6 +292,18 @@ SHAPES = [
         "body.upper.mesh.size=[1.0, 1.0]",
     ),
     Bound(
+        "mesh.around: expected a whole number >= 9",
+        "plane",
+        mesh('geometry="a.geo", size=0.5, around=8'),
+        mesh('geometry="a.geo", size=0.5, around=9'),
+    ),
+    Bound(
+        "around belongs to a geometry, not to a file",
+        "plane",
+        mesh('file="a.msh", around=12'),
+        mesh('geometry="a.geo", size=0.5, around=12'),
+    ),
+    Bound(
         "contact_size = 0.500001, along contacts, must not exceed size = 0.5",
         "plane",
         mesh('geometry="a.geo", size=0.5, contact_size=0.500001'),
