@@ -29,13 +29,17 @@ class Problem(NamedTuple):
 
 
 PROBLEMS: dict[str, Problem] = {}
+"""On which the rule was made."""
+
+FRESH: dict[str, Problem] = {}
+"""Made after the last change of the rule."""
 
 
-def on(*meshes: MeshOf, only: Sequence[str] = ()) -> Callable:
-    """Decorator: puts a scene into PROBLEMS under its name."""
+def on(*meshes: MeshOf, only: Sequence[str] = (), among: dict[str, Problem] = PROBLEMS) -> Callable:
+    """Decorator: puts a scene into a set of problems under its name."""
 
     def register(scene: Callable[[int, int, int], dict]) -> Callable[[int, int, int], dict]:
-        PROBLEMS[scene.__name__] = Problem(scene, meshes, only)
+        among[scene.__name__] = Problem(scene, meshes, only)
         return scene
 
     return register
@@ -425,4 +429,117 @@ def stack(n: int, order: int, off: int) -> dict:
             contact("mid", "low", "bottom", "top", name="a", **rubbing(0.5)),
             contact("top", "mid", "bottom", "top", name="b", **rubbing(0.5)),
         ],
+    }
+
+
+FEW = (2, 1, 0), (4, 1, 1), (1, 2, 1), (2, 2, 1), (8, 2, 1)
+
+
+@on(*FEW, among=FRESH)
+def cushion(n: int, order: int, off: int) -> dict:
+    """A soft disc under a rigid ball, on a rough plane."""
+    disc = rectangle(0.0, 0.0, 30.0, 12.0, 10 * n, 4 * n, order)
+    ball = {"shape": "circle", "center": [0.0, 52.0], "radius": 40.0, "displacement": [0.0, -0.6]}
+    return {
+        "axisymmetric": True,
+        "body": [body("disc", disc, {"young": 12.0, "poisson": 0.42})],
+        "rigid": [{"name": "ball"} | ball, plane("floor", [0.0, 0.0], [0.0, 1.0])],
+        "contact": [
+            contact("disc", "ball", "top", name="t"),
+            contact("disc", "floor", "bottom", name="f", **rubbing(0.3)),
+        ],
+    }
+
+
+@on(*FEW, among=FRESH)
+def bearing(n: int, order: int, off: int) -> dict:
+    """A loaded shaft in a bore of nearly its radius, whose gap is that of the meshes."""
+    m, whole = n + off, [0, 360]
+    return {
+        "body": [
+            body(
+                "shaft",
+                ring(6.0, 14.99, whole, 16 * n, 2 * n, order),
+                STEEL,
+                (),
+                [{"on": "inner", "value": [0.0, -40.0]}],
+            ),
+            body("bore", ring(15.0, 30.0, whole, 16 * m, 3 * m, order), ALUMINIUM, ["outer"]),
+        ],
+        "contact": [contact("shaft", "bore", "outer", "inner", **rubbing(0.1))],
+    }
+
+
+@on((2, 1, 0), (3, 1, 0), (1, 2, 0), (2, 2, 0), (4, 2, 0), among=FRESH)
+def collar(n: int, order: int, off: int) -> dict:
+    """Two tubes in space, whose overlap is that of the meshes."""
+    ends = [{"on": "bottom", "normal": 0.0}, {"on": "top", "normal": 0.0}]
+
+    def tube(name: str, radii: list[float], size: float) -> dict:
+        mesh = {"shape": "cylinder", "center": [0.0] * 3, "axis": [0.0, 0.0, 1.0], "height": 3.0}
+        return body(name, mesh | {"radii": radii, "size": size, "order": order}, STEEL, ends)
+
+    inner, outer = tube("inner", [6.0, 10.02], 8.0 / n), tube("outer", [10.0, 15.0], 10.0 / n)
+    return {"body": [inner, outer], "contact": [contact("inner", "outer", "outer", "inner")]}
+
+
+@on(*FEW, among=FRESH)
+def bilayer(n: int, order: int, off: int) -> dict:
+    """Two plates of plane stress that expand unlike, joined by Tresca's friction under pressure."""
+    m = n + off
+
+    def plate(name: str, y: float, number: int, material: dict, **more) -> dict:
+        spec = material | {"plane": "stress"}
+        mesh = rectangle(0.0, y, 30.0, 4.0, 12 * number, 2 * number, order)
+        hold = [{"on": "left", "x": 0.0}]
+        return body(name, mesh, spec, hold + more.pop("hold", []), temperature=80.0, **more)
+
+    press = [{"on": "top", "pressure": 30.0}]
+    upper = plate("upper", 4.0, n, ALUMINIUM | {"expansion": 2.3e-5}, traction=press)
+    support = [{"on": "bottom", "y": 0.0}]
+    lower = plate("lower", 0.0, m, STEEL | {"expansion": 1.2e-5}, hold=support)
+    joint = {"friction": {"law": "tresca", "slip_bound": 6.0}}
+    return {
+        "body": [upper, lower],
+        "contact": [contact("upper", "lower", "bottom", "top", **joint)],
+    }
+
+
+@on(*FEW, among=FRESH)
+def slider(n: int, order: int, off: int) -> dict:
+    """A trapezoid that is pushed along a rough slope of an elastic base, with a bonded cap."""
+    m = n + off
+    base = {"shape": "quadrilateral", "corners": [[0, 0], [60, 0], [60, 12], [0, 24]]}
+    part = {"shape": "quadrilateral", "corners": [[15, 21], [40, 16], [40, 30], [15, 30]]}
+    push = [{"on": "left", "value": [25.0, 0.0]}, {"on": "top", "pressure": 60.0}]
+    cap = rectangle(40.0, 16.0, 8.0, 14.0, 2 * m, 4 * m, order)
+    return {
+        "body": [
+            body(
+                "base", base | {"divisions": [12 * n, 4 * n], "order": order}, ALUMINIUM, ["bottom"]
+            ),
+            body("part", part | {"divisions": [6 * m, 3 * m], "order": order}, STEEL, (), push),
+            body("cap", cap, ALUMINIUM, [{"on": "right", "x": 0.0}]),
+        ],
+        "contact": [
+            contact("part", "base", "bottom", "top", name="s", **rubbing(0.2)),
+            contact("part", "cap", "right", "left", name="b", kind="bonded"),
+        ],
+    }
+
+
+@on((2, 1, 0), (3, 1, 1), (1, 2, 0), (1, 2, 1), (3, 2, 1), among=FRESH)
+def pedestal(n: int, order: int, off: int) -> dict:
+    """A twisted block of aluminium on a base of steel, with Tresca's friction, in space."""
+    m, turn = n + off, {"constant": [3.0, -4.5, -40.0], "x_slope": [0.0, 0.3, 0.0]}
+    top = box(5.0, 10.0, [20.0, 20.0, 10.0], [4 * n, 4 * n, 2 * n], order)
+    base = box(0.0, 0.0, [30.0, 20.0, 10.0], [6 * m, 4 * m, 2 * m], order)
+    joint = {"friction": {"law": "tresca", "slip_bound": 4.0}}
+    load = [{"on": "top", "value": turn | {"y_slope": [-0.3, 0.0, 0.0]}}]
+    return {
+        "body": [
+            body("block", top, ALUMINIUM, (), load),
+            body("base", base, STEEL, ["bottom"]),
+        ],
+        "contact": [contact("block", "base", "bottom", "top", **joint)],
     }

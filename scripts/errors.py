@@ -13,6 +13,7 @@ import logging
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,25 +24,25 @@ import problems.flat
 import problems.moving
 import problems.solids
 import problems.supports
-from error_scenes import PROBLEMS
+from error_scenes import FRESH, PROBLEMS
 from experiment import Ledger, Row, arguments, publish, table
 from mpi4py import MPI
 
 import ddmpi
 from ddmpi.derive.errors import measure_errors
 from ddmpi.errors import DdmpiError
-from ddmpi.judge.bars import COVERED, FACTORS, JUMP, RESULTANTS, SHARE, Measured
+from ddmpi.judge.bars import FACTORS, Facts, Measured, bar_of, sums_of
 from ddmpi.judge.edges import unbounded
 from ddmpi.methods.newton import Newton
-from ddmpi.results.summary import bars_of, quantity_of, value_of
+from ddmpi.results.summary import facts_of, value_of
 from ddmpi.run.answer import Answer
 from ddmpi.scene.results import ERRORS, POINT, named, results
 
-MADE, NEW = "rule", "new"
+MADE, NEW, LAST = "rule", "new", "fresh"
 KNOWN = 2.0
 """A truth is known if it differs from the value by more than this times what the finest answer may be wrong by."""
 
-NEGLIGIBLE, STATIC = 1e-5, 1e-6
+NEGLIGIBLE = 1e-5
 """Errors over the largest number of the same quantity that are not compared, and below which a number is given by
 statics."""
 
@@ -63,8 +64,8 @@ KINDS = {
 
 
 def made(name: str) -> Iterator[tuple[str, Callable[[], Answer | None]]]:
-    """The answers of a problem of the rule by their meshes; the truth is last."""
-    scene, meshes, _ = PROBLEMS[name]
+    """The answers of a problem of error_scenes.py by their meshes; the truth is last."""
+    scene, meshes, _ = (PROBLEMS | FRESH)[name]
     for mesh in meshes:
         yield (
             " ".join(map(str, mesh)),
@@ -87,7 +88,7 @@ def new(name: str) -> Iterator[tuple[str, Callable[[], Answer | None]]]:
         yield f"{n} {order} 0", lambda n=n, order=order: solve(n, order)
 
 
-STUDIED = {MADE: (made, PROBLEMS), NEW: (new, problems.PROBLEMS)}
+STUDIED = {MADE: (made, PROBLEMS), NEW: (new, problems.PROBLEMS), LAST: (made, FRESH)}
 
 
 def numbers_of(answer: Answer | None, only: Sequence[str]) -> list[dict]:
@@ -109,46 +110,32 @@ def numbers_of(answer: Answer | None, only: Sequence[str]) -> list[dict]:
     factors = scene.factors(1.0 if solution.time is None else solution.time)
     measured = measure_errors(assembly, solution.outer, solution, wanted, factors)
     infinite = unbounded(assembly.in_world(), solution.states)
-    entries = {name: bar._asdict() for name, bar in bars_of(summary, measured, infinite).items()}
-    scales = largest(summary, wanted)
-    return [
-        parts(result, measured[result], entry, summary["order"], scales[quantity_of(result)])
-        for result, entry in entries.items()
-    ]
+    found = []
+    for result, facts in facts_of(summary, measured, infinite).items():
+        known = asdict(replace(measured[result], cells={}))
+        scale = max(facts.scale, known["terms"])
+        found.append({"result": result, "known": known, "facts": [*facts], "scale": scale})
+    return found
 
 
-def largest(summary: dict, wanted: Iterable[str]) -> dict[str, float]:
-    """The largest number of each quantity."""
-    scales = Counter[str]()
-    for result in wanted:
-        value = abs(value_of(summary, result) or 0.0)
-        scales[quantity_of(result)] = max(scales[quantity_of(result)], value)
-    return scales
-
-
-def parts(result: str, one: Measured, entry: dict, order: int, scale: float) -> dict:
-    """A row of a number: what its bar is made of, also where a word stands."""
-    value, resultant = entry["value"], named(result).what in RESULTANTS
-    peaks = (one.peak + min(one.area, COVERED)) * abs(value)
-    return {
-        "result": result,
-        "value": value,
-        "order": order,
-        "bar": entry["bar"],
-        "word": entry["word"],
-        "scale": scale,
-        "sums": abs(one.signed) + one.stars,
-        "least": SHARE * one.schwarz if resultant and one.delta > JUMP else 0.0,
-        "ends": one.moved + one.rubbed + one.left + 2.0 * abs(one.straight) + peaks,
-        "unsure": max(abs(one.signed), one.stars / 3.0) + one.peak * abs(value) / 3.0,
-    }
+def judged(row: Row) -> list[dict]:
+    """The numbers of a row, each with its bar or word, and what these are made of."""
+    numbers = json.loads(row["numbers"])
+    for one in numbers:
+        known, facts, name = Measured(**one["known"]), Facts(*one["facts"]), named(one["result"])
+        bar, value = bar_of(name, known, facts), facts.value
+        sums, least, ends = sums_of(name, known, value)
+        unsure = max(abs(known.signed), known.stars / 3.0) + known.peak * abs(value) / 3.0
+        one |= {"value": value, "order": facts.order, "bar": bar.bar, "word": bar.word}
+        one |= {"sums": sums, "least": least, "ends": ends, "floor": bar.floor, "unsure": unsure}
+    return numbers
 
 
 def compared(rows: Sequence[Row], which: str) -> list[dict]:
     """All numbers of a set of problems beside their truths; of equal ones of a run the first."""
     found = []
     for name in STUDIED[which][1]:
-        runs = [json.loads(row["numbers"]) for row in rows if row["problem"] == f"{which} {name}"]
+        runs = [judged(row) for row in rows if row["problem"] == f"{which} {name}"]
         truths = {one["result"]: one for one in (runs[-1] if runs else ())}
         for numbers in runs[:-1]:
             seen = set()
@@ -158,7 +145,7 @@ def compared(rows: Sequence[Row], which: str) -> list[dict]:
                 truth = truths[one["result"]]
                 what = named(one["result"]).what
                 one |= {"problem": name, "kind": KINDS.get(what, "force")}
-                one["scale"] = max(truth["scale"], np.finfo(float).tiny)
+                one["scale"] = max(truth["scale"], one["scale"], np.finfo(float).tiny)
                 one["true"] = truth["value"] - one["value"]
                 same = (
                     one["kind"],
@@ -178,7 +165,7 @@ def compared(rows: Sequence[Row], which: str) -> list[dict]:
 
 def made_of(one: dict, factors: Mapping[int, float]) -> float:
     """The bar of a number by these factors, also where a word stands in its place."""
-    return max(factors[one["order"]] * one["sums"], one["least"]) + one["ends"]
+    return max(max(factors[one["order"]] * one["sums"], one["least"]) + one["ends"], one["floor"])
 
 
 def ratio(one: dict, factors: Mapping[int, float] | None = None) -> float:
@@ -232,7 +219,7 @@ def by_others(numbers: Sequence[dict]) -> tuple[list[float], list[dict[int, floa
 def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
     """The tables of the page."""
     sets = {which: compared(rows, which) for which in STUDIED}
-    titles = {MADE: "problems of the rule", NEW: "new problems"}
+    titles = {MADE: "problems of the rule", NEW: "new problems", LAST: "fresh problems"}
     ratios, factors = by_others(sets[MADE])
     overview = [line(titles[which], sets[which]) for which in STUDIED]
     overview.insert(1, line("the same, by factors of the others", sets[MADE], ratios))

@@ -104,13 +104,8 @@ def _together(
     fields = displaced(assembly, [*adjoints.values()], aim)
     duals = {result: z for result, (z, _) in zip(adjoints, fields, strict=True)}
     own, cells = _of_bodies(assembly, answer, some, duals, forces)
-    s = equations.point.s
     sums = [
-        [
-            *row,
-            *_at_ends(assembly, equations, adjoint),
-            float(np.abs(adjoint.by_forces) @ np.abs(s)),
-        ]
+        [*row, *_at_ends(assembly, equations, adjoint)]
         for row, adjoint in zip(own, adjoints.values(), strict=True)
     ]
     areas = _areas(assembly) if any(one.what == "pressure_mean" for one in some.values()) else {}
@@ -170,8 +165,8 @@ def _force(body: Body, factors: Mapping[str | None, float]) -> np.ndarray:
 
 
 def _at_ends(assembly: Assembly, equations: Linearisation, adjoint: Adjoint) -> np.ndarray:
-    """The sums (4,) of `ends_of_contact` over the contacts of this rank."""
-    total, s = np.zeros(4), equations.point.s
+    """The sums (5,) of `ends_of_contact` over the contacts of this rank."""
+    total, s = np.zeros(5), equations.point.s
     # gaps between quadratic sides are those of parabolas, but where they are given; linear sides have arcs over them
     quadratic = assembly.scene.body[0].mesh.order == 2
     drawn = {each.name for each in assembly.scene.contact if quadratic and each.gap is None}
@@ -179,7 +174,6 @@ def _at_ends(assembly: Assembly, equations: Linearisation, adjoint: Adjoint) -> 
         assembly.space.with_slices(), equations.active, strict=False
     ):
         q, by_forces = adjoint.q[part], adjoint.by_forces[part]
-        # nodes that match are off by as much on both sides
         parabolas = interface.name in drawn and interface.slave is not None
         by_gaps = adjoint.w[part] if parabolas else np.zeros_like(q)
         total += ends_of_contact(interface, active, s[part], q, by_forces, by_gaps)

@@ -10,6 +10,8 @@ bodies and Dundurs' α of their moduli; the rules here are simple bounds of thes
   J. Elasticity 2, 1972). It is the weaker the softer the body with the corner is: a right angle has λ = 0.77 for equal
   moduli, 0.5 where it is rigid, and 1 where the other one is. It is told above `SOFT`.
 * Boundaries that curve apart, or turn by less than `SHARPEST` from facet to facet, as rounded corners do, have none.
+* Right angles of alike bodies that end flush have none, with any friction: pressure is that of a half-plane, and the
+  shear f p on one face of a quarter-plane has finite stresses.
 * On a rigid partner, corners up to `BLUNT` have none without friction.
 * Where a free facet meets one that cannot move at an angle α, λ is below one if sin² α > 1 − ν, in plane stress
   1/(1 + ν), and at more than a right angle (Williams); it is told above that by `PINNED`. A facet that is held along its
@@ -221,13 +223,24 @@ def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]
             continue
         if what := _what(bonded, angles, ends, interface):
             at += [(end, what) for end in np.unique(side, axis=0)]
-        elif bonded and len(ends) == 2 and np.isfinite(mismatch(ends)):
+        elif _known_to_be_finite(bonded, angles, ends):
             finite += [*side]
     return Singular(
         np.array([place for place, _ in at]).reshape(-1, interface.dimension),
         [what for _, what in at],
         np.array(finite).reshape(-1, interface.dimension),
     )
+
+
+def _known_to_be_finite(bonded: bool, angles: np.ndarray, ends: Sequence[Ends]) -> bool:
+    """Whether the stress at an end that is not told is finite in both bodies: of a bond of isotropic bodies; and where
+    right angles of alike ones end flush, also with friction."""
+    if len(ends) < 2 or not np.isfinite(mismatch(ends)):
+        return False
+    right = (np.abs(angles - 0.5 * np.pi) <= SHARPEST).all()
+    (one, nu), (other, its) = ((each.modulus, each.poisson) for each in ends)
+    alike = abs(one - other) <= SAME * one and abs(nu - its) <= SAME
+    return bonded or bool(right and alike)
 
 
 def reaches(interface: Interface) -> np.ndarray:

@@ -3,7 +3,6 @@
 import json
 import math
 from collections.abc import Collection, Iterable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,20 +11,7 @@ import numpy as np
 
 from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.accuracy import price_in_words
-from ddmpi.judge.bars import (
-    COARSE,
-    COVERED,
-    ENDLESS,
-    FLOOR,
-    LARGEST,
-    LOCKED,
-    STEPPED,
-    UNCERTIFIED,
-    UNDETERMINED,
-    Bar,
-    Measured,
-    told,
-)
+from ddmpi.judge.bars import Bar, Facts, Measured, bar_of
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.judge.motions import TURN
@@ -156,39 +142,29 @@ def bars_of(
 ) -> dict[str, Bar]:
     """The bars of results, from what is known of them by their names, and those that may have no limit on finer meshes.
     Not collective."""
-    scales, order = _scales(summary), summary["order"]
-    error, found = summary["discretization_error"]["energy_norm"], {}
-    for result, known in measured.items():
-        value = value_of(summary, result)
-        doubt = UNCERTIFIED if known.word == UNCERTIFIED else _instead(summary, result, error)
-        scale = scales[quantity_of(result)]
-        grows = value is not None and abs(value) > FLOOR * scale and result in unbounded
-        word = doubt or ENDLESS * grows
-        if value is None:
-            found[result] = Bar(value, None, word or UNDETERMINED)
-            continue
-        bar, why = told(named(result), order, known, value, scale)
-        least = FLOOR * max(scale, known.terms)
-        # statics alone gives it, on any mesh: its dual has no strain, and no contact is open altogether
-        given = bar is not None and bar <= least and (known.terms > 0.0 or not summary["contacts"])
-        if word not in ("", COARSE, LOCKED) or (word and not given):
-            bar, why = None, word
-        plain = replace(known, kink=0.0, area=0.0)
-        rough, _ = told(named(result), order, plain, value, scale)
-        excess = max(known.kink, known.area / COVERED)
-        about = abs(value) if rough is None else rough
-        found[result] = Bar(value, bar, why, about, excess, least)
-    return found
+    facts = facts_of(summary, measured, unbounded)
+    return {result: bar_of(named(result), measured[result], facts[result]) for result in measured}
 
 
-def _instead(summary: Mapping[str, Any], result: str, error: float | None) -> str:
-    """Why no result of this kind has a bar in this run; empty if it may have one."""
-    if error is None:
-        return LOCKED
-    if error > LARGEST:
-        return COARSE
+def facts_of(
+    summary: Mapping[str, Any], results: Iterable[str], unbounded: Collection[str]
+) -> dict[str, Facts]:
+    """The facts of `results` on which their bars depend, with the names of those that may have no limit on finer meshes.
+    Not collective."""
+    scales, error = _scales(summary), summary["discretization_error"]["energy_norm"]
     several = summary["scene"].get("time") is not None
-    return STEPPED if several and named(result).what == "dissipated" else ""
+    return {
+        result: Facts(
+            value_of(summary, result),
+            scales[quantity_of(result)],
+            summary["order"],
+            error,
+            result in unbounded,
+            several and named(result).what == "dissipated",
+            not summary["contacts"],
+        )
+        for result in results
+    }
 
 
 def _scales(summary: Mapping[str, Any]) -> dict[str, float]:
