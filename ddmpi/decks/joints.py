@@ -45,7 +45,8 @@ class Joints:
         """Whether a contact of the same faces is there already, in either order. Those that share some of their faces
         on both sides, or differ in their laws, are lost."""
         slave, on, master, against = pair
-        sides = {slave.name: set(on.tolist()), master.name: set(against.tolist())}
+        sides = {slave.name: set(on.tolist())}
+        sides[master.name] = sides.get(master.name, set()) | set(against.tolist())
         for other, law, others in self.met:
             if others.keys() != sides.keys() or any(
                 others[name].isdisjoint(sides[name]) for name in sides
@@ -97,7 +98,10 @@ class Joints:
             if softness:
                 contact["softness"] = softness
             if not self._held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
-                contact["slave"] = slave.name  # supported or rigid all over it could be none
+                own = slave is master
+                contact["slave"] = (
+                    "first" if own else slave.name
+                )  # supported or rigid all over it could be none
             gap = self._clearance(names)
             if gap is None and not tied and card.says("ADJUST", "NO") != "NO":
                 gap = self._adjusted(card, slave, slave.heights(on, master, against))
@@ -163,12 +167,20 @@ class Joints:
     def _joined(
         self, card: Card, law: Laws, slaves: Sequence[Side], masters: Sequence[Side]
     ) -> list[Pair]:
-        """The sides of a pair of surfaces by two bodies, without those that are in contact already."""
-        found = [(*a, *b) for a, b in product(slaves, masters) if a[0] is not b[0]]
+        """The sides of a pair of surfaces by two bodies, or by one that touches itself, without those that are in
+        contact already."""
+        alone = len(slaves) == len(masters) == 1
+        found = [
+            (*a, *b)
+            for a, b in product(slaves, masters)
+            if a[0] is not b[0] or _touch(*a, b[1], alone)
+        ]
         fresh = [not self._again(card, law, one) for one in found]
         own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
-        if own:
-            self.notes.add("lost", card, f"contact of {', '.join(sorted(own))} with itself")
+        if own and not found:
+            self.notes.add(
+                "lost", card, f"contact of {', '.join(sorted(own))} with itself by one surface"
+            )
         elif not found:
             words = f"{card.rows and ' or '.join(card.rows[0][:2])} has no faces on a body"
             self.notes.add("lost", card, words)
@@ -266,3 +278,13 @@ class Joints:
         if not any(given):
             return "a pre-tension whose node has neither a force nor a displacement"
         return "" if cuts and not all(given) else "a section that does not cut a body in two"
+
+
+def _touch(piece: Piece, on: np.ndarray, against: np.ndarray, alone: bool) -> bool:
+    """Whether two sides of one body touch: they have no faces in common and, unless they are `alone` as of surfaces of
+    this body only, some nodes lie as near to the others as to their neighbours."""
+    if np.intersect1d(on, against).size:
+        return False
+    sides = np.diff(piece.points[piece.facets[on][:, :2]], axis=1)
+    near = piece.heights(on, piece, against).min(initial=np.inf)
+    return alone or bool(near <= np.median(np.linalg.norm(sides, axis=2)))

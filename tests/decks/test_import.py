@@ -1222,7 +1222,7 @@ LOST_LATER = [
     ),
     (
         stack(PAIR, LAW, first="SLAVE, SLAVE") + step("*CLOAD", "B_Z1, 3, 1."),
-        "*CONTACT PAIR: contact of B with itself",
+        "*CONTACT PAIR: contact of B with itself by one surface",
     ),
     (
         BOX

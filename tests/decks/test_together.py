@@ -1,10 +1,12 @@
 """`ddmpi import`: what a deck says in several places is read together, or refused with the lines."""
 
 import itertools
+import re
 
 import numpy as np
 import pytest
 from decks import STEEL, grid, step
+from mpi4py import MPI
 from test_import import (
     BOX,
     LAW,
@@ -18,6 +20,7 @@ from test_import import (
     stack,
 )
 
+import ddmpi
 from ddmpi.scene.formulas import evaluate
 
 PULL = step("*CLOAD", "A_Z1, 3, 1.")
@@ -463,6 +466,42 @@ def test_ties_have_the_slave_of_the_deck(tmp_path):
         )
     held = stack("*TIE, NAME=T").replace("*BOUNDARY\n", "*BOUNDARY\nB_Z0, 1, 3\n", 1)
     assert "slave" not in imported(tmp_path, held + press)[0]["contact"][0]
+
+
+def slit(card: str, parted: int = 2) -> str:
+    """Two blocks on each other of which one mesh is made, but for a slit from the left to the node `parted`."""
+    lower = grid("A", (4, 1, 1), (4.0, 1.0, 1.0))
+    upper = grid("B", (4, 1, 1), (4.0, 1.0, 1.0), [0.0, 0.0, 1.0], 101)
+    for y in (0, 1):  # of the upper side of A, and the lower one of B
+        for x in range(parted, 5):
+            ours, theirs = 1 + x + 5 * y + 10, 101 + x + 5 * y
+            upper = re.sub(rf"^{theirs}, .*\n", "", upper, count=1, flags=re.M)
+            upper = re.sub(rf"(?<=, ){theirs}(?=,|$)", str(ours), upper, flags=re.M)
+            upper = re.sub(rf"^{theirs},$", f"{ours},", upper, flags=re.M)
+    both = "*ELSET, ELSET=ALL\nA, B\n"
+    sides = "*SURFACE, NAME=LOWER\n1, S2\n2, S2\n*SURFACE, NAME=UPPER\n101, S1\n102, S1\n"
+    section = "*SOLID SECTION, ELSET=ALL, MATERIAL=STEEL\n"
+    held = "*BOUNDARY\nA_Z0, 1, 3\n"
+    joint = f"{sides}{LAW}{card}\nLOWER, UPPER\n" if card else ""
+    return f"{lower}{upper}{both}{STEEL}{section}{held}{joint}" + step("*DLOAD", "B, P2, 5.")
+
+
+def test_a_body_that_touches_itself(tmp_path):
+    """Two surfaces of one body are a contact of it with itself, or a bond, with which it is the body without a slit."""
+    scene, _ = imported(tmp_path, slit(PAIR))
+    (contact,) = scene["contact"]
+    assert len(set(contact["bodies"])) == 1 and contact["on"] == ["LOWER", "UPPER"]
+    assert contact["slave"] == "first"
+    (found,) = solved(tmp_path, slit(PAIR)).summary["contacts"].values()
+    assert found["normal_force"] > 0.0
+    moved = []
+    for deck in (slit("*TIE, NAME=T"), slit("", 0)):
+        imported(tmp_path, deck)
+        path = max(tmp_path.glob("*/deck/scene.toml"), key=lambda path: int(path.parts[-3]))
+        # quadratic solids are bonded at the corners of facets alone
+        answer = ddmpi.solve(str(path), MPI.COMM_SELF, {"body.ALL.mesh.order": 1})
+        moved.append(answer.summary["bodies"]["ALL"]["displacement_max"])
+    assert moved[0] == pytest.approx(moved[1], rel=1e-8)
 
 
 def test_faces_within_a_body_are_left_out_of_contacts(tmp_path):

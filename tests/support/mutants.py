@@ -2293,6 +2293,20 @@ MUTANTS = [
             "scenes/test_sectors.py::test_a_sector_is_a_part_of_its_wheel",
         ),
         (
+            "surfaces of one part are no contact",
+            "decks/joints",
+            "a[0] is not b[0] or _touch(*a, b[1], alone)",
+            "a[0] is not b[0]",
+            "decks/test_together.py::test_a_body_that_touches_itself",
+        ),
+        (
+            "one surface is a contact with itself",
+            "decks/joints",
+            "if np.intersect1d(on, against).size:",
+            "if False:",
+            "decks/test_import.py::test_what_is_lost_of_bodies_and_what_joins_them",
+        ),
+        (
             "axes of a copy stay",
             "scene/bodies",
             "(self.angle or 0.0) + frame.angle",
