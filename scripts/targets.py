@@ -10,13 +10,16 @@ from __future__ import annotations
 
 import json
 import logging
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from error_scenes import PROBLEMS, body, contact, drawn, lug, plane, roller
+from error_scenes import PROBLEMS, body, boxes, contact, drawn, lug, plane, roller, solids
 from experiment import Ledger, Row, arguments, publish, table
 from mpi4py import MPI
+from scenes import run_python, write_scene
 
 import ddmpi
 from ddmpi.errors import DdmpiError
@@ -82,6 +85,15 @@ GOALS = {
         ball, ("contacts.c.pressure_max", "bodies.ball.displacement_max"), 2e-2, 9414
     ),
 }
+
+
+MEMORY: dict[str, Callable[[], dict]] = {
+    "boxes, fine": lambda: boxes(16, 2, 0),
+    "pin in lug, fine": lambda: lug(4, 2, 0),
+    "boxes in space": lambda: solids(4, 2, 0),
+    "ball, fine": lambda: ball(2, 2, 0),
+}
+"""Scenes of which the memory is tried."""
 
 
 def solved(scene: dict, results: Sequence[str], **method: object) -> Answer:
@@ -162,11 +174,8 @@ def prices(name: str, mesh: str) -> Row:
                 break
             levels = levels_of(answer)
             if answer.certified:
-                took = {
-                    "unknowns": levels[-1]["n"],
-                    "seconds": sum(level["seconds"] for level in levels),
-                    "bytes": levels[-1]["bytes"],
-                }
+                seconds = sum(level["seconds"] for level in levels)
+                took = {"unknowns": levels[-1]["n"], "seconds": seconds}
                 off_by = {key: price[key] / took[key] for key in took}
                 found.append({"meshes": meshes, "result": result} | off_by)
             if len(levels) < 2 or not answer.certified:
@@ -175,9 +184,31 @@ def prices(name: str, mesh: str) -> Row:
     return {"told": json.dumps(found)}
 
 
+def memory(name: str) -> Row:
+    """The price of half a bar in bytes, and what a run has that has it, each in a process of its own."""
+    scene = MEMORY[name]()
+    method: dict[str, object] = {"tolerance": 1e-8}
+    with tempfile.TemporaryDirectory() as place:
+        told = []
+        for number in range(2):
+            made = scene | {"output": {"errors": "main"}, "method": method}
+            path = write_scene(made, Path(place) / f"{number}.toml")
+            folder = Path(place) / str(number)
+            run = ["-m", "ddmpi", "run", str(path), "--output", str(folder), "--no-figures"]
+            run_python(run, ranks=1)
+            told.append(json.loads((folder / "summary.json").read_text(encoding="utf-8")))
+            dear = {r: e for r, e in told[0]["errors"].items() if e["half"]}
+            result = max(dear, key=lambda r: dear[r]["bar"] / abs(dear[r]["value"]))
+            method["target"] = {result: {"within": 0.5 * dear[result]["bar"]}}
+    price = told[0]["errors"][result]["half"]
+    levels = [summary["discretization_error"]["levels"][-1] for summary in told]
+    found = [levels[0]["n"], levels[0]["bytes"], price["unknowns"], price["bytes"]]
+    return {"told": json.dumps([*found, levels[1]["n"], levels[1]["bytes"]])}
+
+
 def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
     """The tables of the page."""
-    goals, tried = [], list[dict]()
+    goals, tried, stored = [], list[dict](), []
     exact = {
         name: {r: e["value"] for r, e in json.loads(row["told"])[4].items()}
         for row in rows
@@ -186,7 +217,10 @@ def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
     for row in rows:
         name, how = row["problem"], row["mesh"]
         told = json.loads(row["told"])
-        if name not in GOALS:
+        if how == "memory":
+            sizes = [f"{n:,}" if k % 2 == 0 else f"{n / 1e6:.0f}" for k, n in enumerate(told)]
+            stored.append([name, *sizes])
+        elif name not in GOALS:
             tried += [one | {"problem": name} for one in told]
         elif how != "finer":
             dofs, meshes, seconds, met, errors = told
@@ -202,7 +236,7 @@ def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
     shares = []
     for meshes in ("one", "two"):
         some = [one for one in tried if one["meshes"] == meshes]
-        for what in ("unknowns", "seconds", "bytes"):
+        for what in ("unknowns", "seconds"):
             q = np.array([one[what] for one in some] or [np.nan])
             right = f"{100 * np.mean((q < FACTOR) & (q > 1.0 / FACTOR)):.0f} %"
             low, middle, high = np.quantile(q, [0.1, 0.5, 0.9])
@@ -214,6 +248,9 @@ def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
         "Targets": table(["scene", "meshes for", *head], goals),
         "Prices": table(
             ["from meshes", "of", "prices", "within 2", "median", "10 %", "90 %"], shares
+        ),
+        "Memory": table(
+            ["scene", "unknowns", "MB", "price: unknowns", "MB", "run: unknowns", "MB"], stored
         ),
     }
 
@@ -236,6 +273,7 @@ def main() -> None:
     options = parser.parse_args()
     logging.getLogger("ddmpi").setLevel(logging.ERROR)
     runs = {(name, how): None for name in GOALS for how in (*MADE, "finer")}
+    runs |= {(name, "memory"): None for name in MEMORY}
     for name in ASKED:
         meshes = PROBLEMS[name].meshes[:-1]
         quadratic, linear = ([mesh for mesh in meshes if mesh[1] == order] for order in (2, 1))
@@ -248,6 +286,8 @@ def main() -> None:
     def measure(problem: str, mesh: str) -> Row:
         if mesh == "finer":
             return finer(problem)
+        if mesh == "memory":
+            return memory(problem)
         return reach(problem, mesh) if problem in GOALS else prices(problem, mesh)
 
     rows = [row for row in ledger.fill(wanted, measure) if (row["problem"], row["mesh"]) in wanted]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ddmpi.body.stress import components, energy_density, stress_at
+from ddmpi.body.stress import compliance_of, components, stress_at
 from ddmpi.mesh.elements import invert
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.shapes import generate_rectangle
@@ -25,6 +25,12 @@ CANDIDATES = {2: 24, 3: 80}
 
 Stress = Callable[[np.ndarray], np.ndarray]
 """Tensors (d, d, k) of an exact stress at places (k, d) (Pa)."""
+
+
+def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:
+    """σ : C⁻¹ : σ (…) in J/m³ of stresses (n, …) in Pa, which are `components`."""
+    compliance = compliance_of(material, int(np.sqrt(2 * len(sigma))))
+    return np.einsum("c...,cd,d...->...", sigma, compliance, sigma)
 
 
 def clustered(ends: Sequence[float], n: int, power: float) -> np.ndarray:

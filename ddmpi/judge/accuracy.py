@@ -341,6 +341,7 @@ class MeshLadder:
             return None
         seconds, memory = last.cost.of(last.n, times, self.scene.dimension)
         spent = sum(level.cost.seconds for level in self.levels)
+        memory = max(memory, last.cost.bytes)  # the run begins with the first mesh
         return {"unknowns": round(last.n * times), "seconds": spent + seconds, "bytes": memory}
 
     def _times(self, result: str, part: float) -> float | None:

@@ -226,6 +226,7 @@ def test_meshes_of_drawings_cost_what_equal_errors_take():
     assert price["unknowns"] == pytest.approx(5000 / (0.5 * LADDER["aim drawn"] ** 2) ** 0.5, abs=1)
     few = {PIN[0]: demand(np.append(np.ones(10), 1e-9 * np.ones(990)), 2.0, 2)}
     ladder._alone = few
+    assert ladder.price(PIN[0], 0.5)["bytes"] == 4e8  # the first mesh is there before
     assert 0.25 * 5000 < ladder.price(PIN[0], 0.5)["unknowns"] < 0.3 * 5000  # elements grow twofold
     ladder.levels.append(ladder.levels[0]._replace(n=4000, dofs=4000))
     again = ladder.price(PIN[0], 0.5)
