@@ -22,7 +22,7 @@ choose_ranks() {
 }
 
 case "${1:-}" in
-    run | converge | check | sweep | sweep-plot | figures | path | report | view | import | info | schema | -h | --help | --version) ;;
+    run | converge | check | limit | sweep | sweep-plot | figures | path | report | view | import | info | schema | -h | --help | --version) ;;
     "" | -*) set -- run "$ROOT/configs/pinched_blocks.toml" "$@" ;;
     *) set -- run "$@" ;;
 esac

@@ -146,9 +146,20 @@ def _add_solving(command: Callable[..., _Parser]) -> None:
         **solving,
     )
     _add_target(converge)
+    words = "find the factor of a load at which equilibrium ends, and how the bodies then move"
+    _add_load(command("limit", words, scene, written, **solving))
     command("check", "describe and draw a scene without solving it", scene, written, **solving)
     _add_sweep(
         command("sweep", "run a scene for all combinations of some values", scene, **solving)
+    )
+
+
+def _add_load(limit: _Parser) -> None:
+    limit.add_argument(
+        "--load",
+        required=True,
+        metavar="LOAD",
+        help="a history, whose factors are multiplied, or the key of a load, as in body.foot.traction.0",
     )
 
 

@@ -105,6 +105,22 @@ def _sweep(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
         run_sweep(world, sweep)
 
 
+def _limit(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+    _init_petsc(world, {}, petsc)
+    with loading():
+        from ddmpi.sweep.limit import find_limit
+
+    interrupt.listen()
+    find_limit(
+        world,
+        options.scene,
+        options.set,
+        options.load,
+        options.output,
+        figures=not options.no_figures,
+    )
+
+
 def _probe(folder: str | Path) -> None:
     """Refuse a folder, which may be anybody's, with pipes and devices, which have no end, or with fields that this
     process could not read without a crash."""
@@ -217,9 +233,13 @@ def _alone(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
             ALONE[options.command](options)
 
 
-COMMANDS = {"run": _run, "converge": _run, "check": _check, "sweep": _sweep} | dict.fromkeys(
-    ALONE, _alone
-)
+COMMANDS = {
+    "run": _run,
+    "converge": _run,
+    "check": _check,
+    "sweep": _sweep,
+    "limit": _limit,
+} | dict.fromkeys(ALONE, _alone)
 
 
 @contextlib.contextmanager

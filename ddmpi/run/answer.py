@@ -247,6 +247,18 @@ class Model:
             self._cases.end()
         self._cases = None
 
+    def write(self, overrides: Mapping[str, Any], output: str, figures: bool) -> None:
+        """Run with these values by key, and write results and pictures into the folder `output`. Collective. Raises what
+        `ddmpi.run.run.compute` does."""
+        settled, options = self.settle(overrides), RunOptions()
+        drawn = figures and settled.output.figures
+        options.use(settled.petsc)
+        try:
+            assert self._cases
+            self._cases.compute(settled, self._path, Clock(), output=output, figures=drawn)
+        finally:
+            options.use({})
+
     def settle(
         self,
         overrides: Mapping[str, Any] | None = None,

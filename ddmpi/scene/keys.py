@@ -28,6 +28,23 @@ def override(data: dict, key: str, value: Any, where: str = "--set ") -> None:
             del table[name]
 
 
+def looked_up(data: dict, key: str, where: str = "--set ") -> Any:
+    """The value of a key of `data`. Raises InputError, which begins with `where` and the key."""
+    value: Any = data
+    for part in key.strip().split("."):
+        if isinstance(value, list):
+            value = value[_index(value, part, f"{where}{key}")]
+        elif isinstance(value, dict) and part in value:
+            value = value[part]
+        else:
+            known = list(value) if isinstance(value, dict) else []
+            raise InputError(
+                f"{where}{key}: the scene has no {part!r} there{nearest(part, known)} "
+                f"(there: {', '.join(known) or 'a value'})"
+            )
+    return value
+
+
 def parse_value(text: str) -> Any:
     """The meaning of the text after ``KEY=``: a TOML value, or else a plain string."""
     try:

@@ -37,6 +37,7 @@ PRODUCTS, RARER = (
     "products/test_products.py::test_a_feature_in_a_kind_of_scene",
     "products/test_rarer.py",
 )
+LIMITED = "sweep/test_limit.py"
 UTILISED = "interface/test_utilisation.py"
 UNLOADED = "scenes/test_load_steps.py::test_what_is_unloaded_is_zero"
 CYCLES = "scenes/test_cycles.py"
@@ -1868,6 +1869,27 @@ MUTANTS = [
             "step = factor * other - one",
             "step = factor * other + one",
             UTILISED,
+        ),
+        (
+            "a limit without the side of answers",
+            "sweep/limit",
+            "for factor in sides if self.failed > sides[0] + step else sides[::-1]:",
+            "for factor in sides[:1]:",
+            LIMITED,
+        ),
+        (
+            "a limit by the largest loads that nothing balances",
+            "sweep/limit",
+            "sorted(self.unbalanced.items())[:2]",
+            "sorted(self.unbalanced.items())[-2:]",
+            LIMITED,
+        ),
+        (
+            "a load with a number that is multiplied alone",
+            "sweep/limit",
+            "return [scaled(entry, factor) for entry in value]",
+            "return [scaled(value[0], factor), *value[1:]]",
+            LIMITED,
         ),
         (
             "dissipation by the bound at the end alone",

@@ -1,0 +1,240 @@
+"""The factor of a load at which equilibrium ends, by solves of a prepared model on both sides of it."""
+
+import contextlib
+import json
+import logging
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from mpi4py import MPI
+
+from ddmpi.errors import InputError, NotConvergedError
+from ddmpi.results.folder import choose_folder
+from ddmpi.run.answer import Answer, Model
+from ddmpi.scene.keys import looked_up, parse_value
+from ddmpi.scene.reader import read_data, read_text
+from ddmpi.system.agreement import from_first
+from ddmpi.system.files import write_atomically, writing
+
+log = logging.getLogger("ddmpi")
+
+LIMIT = "limit.json"
+
+NO_EQUILIBRIUM = "no equilibrium"
+"""How the reason of a run begins that has found none."""
+
+LEAST, MOST = 1e-3, 1e3
+"""Factors between which the limit is looked for."""
+
+WITHIN = 1e-3
+"""Width of the interval at the end over its upper end."""
+
+BESIDE = 0.3
+"""Distance from a guess at which it is tried on either side, over the width of the interval at the end."""
+
+SOLVES, FEW = 14, 3
+"""Most solves before the run that is written; so many before a limit is looked for at the largest factor."""
+
+LOADED = (
+    "traction",
+    "volume_force",
+    "temperature",
+    "clamp",
+    "force",
+    "moment",
+    "displacement",
+    "pretension",
+)
+"""The keys of bodies, rigid partners and contacts that load them."""
+
+LOADS = ("value", "pressure", "force", "moment", "constant")
+"""The numbers of a load that a factor multiplies; what else it has, such as its group, stays."""
+
+
+@dataclass
+class Search:
+    """What is known of the limit.
+
+    Attributes
+    ----------
+    held, failed : the largest factor with an answer and the least one without; 0 and infinite at first
+    guess : where the limit may be; NaN if nothing tells
+    words : why there is no answer at the factor `failed`
+    unbalanced : by factor without an answer, the load that nothing balances, over the loads at the factor 1
+    solves : how many there were
+    """
+
+    held: float = 0.0
+    failed: float = math.inf
+    guess: float = math.nan
+    words: str = ""
+    unbalanced: dict[float, float] = field(default_factory=dict)
+    solves: int = 0
+
+    @property
+    def found(self) -> bool:
+        """Whether the interval is narrow enough."""
+        return math.isfinite(self.failed) and self.failed - self.held <= WITHIN * self.failed
+
+    @property
+    def ended(self) -> bool:
+        """Whether the limit is found, outside of all factors, or takes too many solves."""
+        outside = self.held >= MOST or self.failed <= LEAST
+        return self.found or outside or self.solves >= SOLVES
+
+    def note(self, factor: float, answer: Answer, imbalance: float) -> None:
+        """Note what a solve with a factor has found; `imbalance` is the part of the loads that nothing balances."""
+        self.solves += 1
+        if answer.certified:
+            self.held = factor
+            # what bears a part of its friction bears all of it at that multiple, if its pressure stays
+            shares = [contact["utilisation"] for contact in answer.summary["contacts"].values()]
+            most = max((share for share in shares if share is not None), default=0.0)
+            if len(self.unbalanced) < 2:
+                self.guess = factor / most if most else math.nan
+            return
+        self.failed, self.words = factor, answer.reason
+        if imbalance:
+            self.unbalanced[factor] = imbalance * factor
+        if len(self.unbalanced) > 1:
+            # beyond the limit the unbalanced load grows with the factor, about linearly
+            (one, small), (other, large) = sorted(self.unbalanced.items())[:2]
+            self.guess = one - small * (other - one) / (large - small) if large > small else one
+
+    def following(self) -> float:
+        """The factor to try next: 1, then on either side of a guess, the ends of the range, or between the factors."""
+        if not self.solves:
+            return 1.0
+        step = BESIDE * WITHIN * self.guess
+        few = math.isfinite(self.failed) or self.solves < FEW
+        sides = self.guess + step, self.guess - step
+        for factor in sides if self.failed > sides[0] + step else sides[::-1]:
+            if few and self.held < factor < min(self.failed, MOST):
+                return factor
+        if math.isinf(self.failed):
+            return MOST
+        if self.held < self.failed / 4.0:
+            return max(self.failed / 2.0, LEAST)
+        return math.sqrt(self.held * self.failed)
+
+
+def find_limit(
+    world: MPI.Comm,
+    scene: str,
+    settings: Sequence[str],
+    load: str,
+    output: str | None,
+    figures: bool = False,
+) -> None:
+    """Look for the factor of a load at which equilibrium ends; write limit.json, and beside it the run just past the
+    limit with its mechanism. Collective.
+
+    Parameters
+    ----------
+    scene, settings : path of the scene, and ``KEY=VALUE``
+    load : a history, whose factors are multiplied; or the key of a load, of a number or of a list of numbers
+    output : folder for what is written, or None for a new one under results/
+    figures : whether the mechanism is drawn
+
+    Raises what `ddmpi.run.run.run` does, InputError for a load that there is not, and NotConvergedError where a solve
+    ends without an answer for another reason than that there is no equilibrium.
+    """
+    key, value = from_first(world, lambda: _find(scene, settings, load))
+    given = {name: parse_value(text) for name, _, text in (one.partition("=") for one in settings)}
+    folder = from_first(world, lambda: _folder(scene, output))
+    with Model(scene, world) as model:
+        search = _searched(world, model, given, (key, value))
+        limited = math.isfinite(search.failed)
+        if limited and not search.words.startswith(NO_EQUILIBRIUM):
+            raise NotConvergedError(
+                f"at the factor {search.failed:.6g} of {load} the run ends without an answer, and not for lack of an "
+                f"equilibrium: {search.words}"
+            )
+        if limited:
+            with contextlib.suppress(NotConvergedError):
+                model.write(given | {key: scaled(value, search.failed)}, str(folder), figures)
+    middle = (search.held + search.failed) / 2.0 if search.held else 0.0
+    found = {
+        "load": load,
+        "factor": middle if limited else None,
+        "interval": [search.held, search.failed if limited else None],
+        "mechanism": search.words or None,
+        "solves": search.solves + limited,
+    }
+    from_first(world, lambda: _write(folder, found))
+    if not limited:
+        log.info("no limit: there is equilibrium up to the factor %g of %s", search.held, load)
+    elif not search.held:
+        log.info("no equilibrium at the factor %g of %s either", search.failed, load)
+    else:
+        ends = middle, load, search.held, search.failed
+        log.info("equilibrium ends at the factor %.6g of %s (%.6g to %.6g)", *ends)
+
+
+def _searched(
+    world: MPI.Comm, model: Model, given: dict[str, Any], load: tuple[str, Any]
+) -> Search:
+    """The search to its end, with values by key, and the key and the value of the load. Collective."""
+    search, (key, value) = Search(), load
+    while not search.ended:
+        factor = search.following()
+        with quiet():
+            answer = model.solve(given | {key: scaled(value, factor)}, only="contacts")
+        mechanism = answer.solved.solution.mechanism if answer.solved else None
+        search.note(factor, answer, world.bcast(mechanism.imbalance if mechanism else 0.0))
+        log.info("factor %.6g: %s", factor, answer.reason)
+    return search
+
+
+@contextlib.contextmanager
+def quiet() -> Iterator[None]:
+    """A context without messages of runs."""
+    level = log.level
+    log.setLevel(logging.ERROR)
+    try:
+        yield
+    finally:
+        log.setLevel(level)
+
+
+def _find(scene: str, settings: Sequence[str], load: str) -> tuple[str, Any]:
+    """The key of what is multiplied, and its value. Raises InputError."""
+    data = read_data(scene, read_text(scene), settings)
+    if load in data.get("history", {}):
+        return f"history.{load}.factors", looked_up(data, f"history.{load}.factors", "--load ")
+    value, parts = looked_up(data, load, "--load "), load.split(".")
+    named = isinstance(value, str) and parts[-1] in ("on", "history")
+    if named or len(parts) < 3 or parts[2] not in LOADED or scaled(value, 2.0) == value:
+        raise InputError(
+            f"--load {load}: is neither a history nor a load with numbers that a factor multiplies, such as "
+            "body.NAME.traction.0, body.NAME.volume_force or rigid.NAME.force"
+        )
+    return load, value
+
+
+def _folder(scene: str, output: str | None) -> Path:
+    """The folder for what is written, as a run has it. Raises InputError."""
+    with choose_folder(output, None, scene) as folder:
+        return folder
+
+
+def _write(folder: Path, found: dict[str, Any]) -> None:
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(found, indent=2, ensure_ascii=False) + "\n"
+        write_atomically(folder / LIMIT, text.encode())
+
+
+def scaled(value: Any, factor: float) -> Any:
+    """A number, a list, a formula or the numbers of a load times a factor."""
+    if isinstance(value, dict):
+        return {
+            key: scaled(entry, factor) if key in LOADS or key.endswith("slope") else entry
+            for key, entry in value.items()
+        }
+    if isinstance(value, list):
+        return [scaled(entry, factor) for entry in value]
+    return f"({value}) * {factor!r}" if isinstance(value, str) else value * factor

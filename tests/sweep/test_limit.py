@@ -1,0 +1,134 @@
+"""The factor of a load at which equilibrium ends, in scenes where statics tells it."""
+
+import json
+
+import pytest
+from mpi4py import MPI
+from scenes import FLOOR, call, rectangle, write_scene
+from solid_scenes import box
+
+from ddmpi.errors import InputError
+from ddmpi.sweep.limit import find_limit
+
+
+def on_floor(push: list[float], friction: float, weight: float = 1e5, **more) -> dict:
+    """A block of 2 m by 1 m on a plane, pushed on its left side."""
+    block = rectangle("block", (0.0, 0.0), (2.0, 1.0), (8, 4))
+    block |= {
+        "volume_force": {"value": [0.0, -weight]},
+        "traction": [{"on": "left", "value": push}],
+    }
+    block.pop("clamp", None)
+    contact = {"bodies": ["block", "floor"], "on": ["bottom"]}
+    contact["friction"] = {"law": "coulomb", "coefficient": friction}
+    return {"body": [block], "rigid": [FLOOR], "contact": [contact]} | more
+
+
+def in_steps() -> dict:
+    scene = on_floor([1e4, 0.0], 0.3)
+    block = scene["body"][0]
+    block["traction"][0]["history"], block["volume_force"]["history"] = "push", "weight"
+    history = {
+        "push": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.0, 1.0]},
+        "weight": {"times": [0.0, 1.0], "factors": [0.0, 1.0]},
+    }
+    return scene | {"history": history, "time": {"points": [1.0, 2.0]}}
+
+
+def in_space() -> dict:
+    """A box of 4 m³ that is pushed aslant by 5 kN."""
+    part = box("box", (0, 0, 0), (2, 2, 1), (4, 4, 2), young=2.1e11, poisson=0.3)
+    part.pop("clamp", None)
+    part |= {
+        "volume_force": [0.0, 0.0, -1e5],
+        "traction": [{"on": "top", "force": [3e3, 4e3, 0.0]}],
+    }
+    floor = {"name": "floor", "shape": "plane", "point": [0, 0, 0], "normal": [0, 0, 1]}
+    contact = {"bodies": ["box", "floor"], "on": ["bottom"]}
+    contact["friction"] = {"law": "coulomb", "coefficient": 0.3}
+    return {"body": [part], "rigid": [floor], "contact": [contact]}
+
+
+TRACTION = "body.block.traction.0"
+
+KNOWN = {
+    # μ W = 0.3 · 2e5 over 1e4
+    "slides": (on_floor([1e4, 0.0], 0.3), TRACTION, 6.0, "along x"),
+    # it tips over its front edge when Q / 2 = W · 1
+    "tips": (on_floor([1e4, 0.0], 3.0), f"{TRACTION}.value", 40.0, "would move most"),
+    # the load lifts with half of what it pushes: Q = μ (W − Q/2)
+    "is lifted": (on_floor([1e4, 5e3], 0.3), TRACTION, 6.0 / 1.15, "would move"),
+    "slides in load steps": (in_steps(), "push", 6.0, "in the step to time 2"),
+    # 0.3 · 4e5 over 5e3
+    "slides aslant": (in_space(), "body.box.traction.0.force", 24.0, "along (0.6, 0.8, 0)"),
+    # more than it bears at first
+    "slides already": (on_floor([3e5, 0.0], 0.3), TRACTION, 0.2, "along x"),
+}
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_a_limit_is_that_of_statics(tmp_path, name):
+    """Within 1e-3, between an answer and none, in 15 solves, with the mechanism; beside it is the run just past it."""
+    scene, load, exact, words = KNOWN[name]
+    folder = tmp_path / "out"
+    path = str(write_scene(scene, tmp_path / "scene.toml"))
+    find_limit(MPI.COMM_SELF, path, [], load, str(folder))
+    found = json.loads((folder / "limit.json").read_text(encoding="utf-8"))
+    assert found["factor"] == pytest.approx(exact, rel=1e-3)
+    below, above = found["interval"]
+    assert below <= exact * (1 + 1e-6) and above >= exact * (1 - 1e-6)
+    assert above - below <= 1e-3 * above
+    assert found["solves"] <= 15
+    assert words in found["mechanism"]
+    mechanism = json.loads((folder / "mechanism.json").read_text(encoding="utf-8"))
+    assert mechanism["reason"] in found["mechanism"]
+
+
+def test_the_command_draws_the_mechanism_and_counts_settings(tmp_path):
+    """With half of the friction the limit is half as large; a part that clamps hold has none, which is no failure."""
+    scene = on_floor([1e4, 0.0], 0.3)
+    path = write_scene(scene, tmp_path / "scene.toml")
+    arguments = ["--load", TRACTION, "--set", "contact.block-floor.friction.coefficient=0.15"]
+    folder = tmp_path / "out"
+    run = call("limit", str(path), "--output", str(folder), *arguments, folder=folder)
+    assert run.code == 0 and "equilibrium ends at the factor 3 " in run.output
+    assert {"limit.json", "mechanism.png"} <= run.files
+    scene["body"][0]["clamp"] = ["right"]
+    path = write_scene(scene, tmp_path / "held.toml")
+    folder = tmp_path / "none"
+    run = call("limit", str(path), "--output", str(folder), *arguments[:2], folder=folder)
+    found = json.loads((run.folder / "limit.json").read_text(encoding="utf-8"))
+    assert run.code == 0 and run.files == {"limit.json"}
+    assert found["factor"] is None and found["interval"] == [1000.0, None]
+    assert found["mechanism"] is None and found["solves"] <= 15
+
+
+@pytest.mark.mpi(ranks=2)
+def test_the_limit_is_the_same_on_two_ranks(comm, tmp_path):
+    folder = comm.bcast(str(tmp_path))
+    path = f"{folder}/scene.toml"
+    if comm.rank == 0:
+        write_scene(on_floor([1e4, 0.0], 0.3), tmp_path / "scene.toml")
+    comm.barrier()
+    find_limit(comm, path, [], TRACTION, f"{folder}/out")
+    if comm.rank == 0:
+        found = json.loads((tmp_path / "out/limit.json").read_text(encoding="utf-8"))
+        assert found["factor"] == pytest.approx(6.0, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("load", "words"),
+    [
+        ("push", "--load push: the scene has no 'push' there"),
+        ("body.block.traction.1", "there is no entry '1'"),
+        ("body.block.traction.0.on", "is neither a history nor a load with numbers that a factor"),
+        ("contact.0.friction.coefficient", "is neither a history nor a load with numbers"),
+        ("body.block.material", "is neither a history nor a load with numbers"),
+    ],
+)
+def test_what_is_no_load_is_refused(tmp_path, load, words):
+    path = str(write_scene(on_floor([1e4, 0.0], 0.3), tmp_path / "scene.toml"))
+    with pytest.raises(InputError) as refused:
+        find_limit(MPI.COMM_SELF, path, [], load, str(tmp_path / "out"))
+    assert words in str(refused.value)
+    assert not (tmp_path / "out").exists()
