@@ -68,7 +68,7 @@ def largest_factor(motions: np.ndarray, shares: np.ndarray) -> float:
             break
         step = factor * other - one
         decrement = np.sqrt(max(step @ bends @ step, 0.0) / barrier)
-        close = decrement < 0.3
+        close = decrement < 1.0
         y = y + step / (1.0 if close else 1.0 + decrement)
         if close and size.sum() - factor > 0.5 * PRECISE * most:
             barrier *= 0.1

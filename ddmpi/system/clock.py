@@ -2,13 +2,29 @@
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from threading import Timer
 
 from mpi4py import MPI
 from petsc4py import PETSc
+
+log = logging.getLogger("ddmpi")
+
+LONG = 5.0  # seconds after which a phase is told, if it has words
+
+WORDS = {
+    "assemble": "stiffnesses of bodies, and pairs of contact nodes",
+    "factor": "factorizations of bodies, and their compliances",
+    "estimate": "the estimated error",
+    "errors": "errors of results",
+    "doubt": "warnings of the answer",
+    "output": "files and pictures",
+}
+"""Of phases that say nothing by themselves; meshes and iterations do."""
 
 
 @dataclass
@@ -29,7 +45,7 @@ class Clock:
     @contextmanager
     def phase(self, name: str) -> Iterator[None]:
         start = time.perf_counter()
-        with PETSc.Log.Stage(name):
+        with PETSc.Log.Stage(name), _told(name):
             yield
         self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
 
@@ -41,3 +57,16 @@ class Clock:
             name for phases in everyone for name in phases
         )  # a rank without a body has no phases
         return {name: round(max(phases.get(name, 0.0) for phases in everyone), 6) for name in names}
+
+
+@contextmanager
+def _told(name: str) -> Iterator[None]:
+    """Log what a phase works at, once it takes LONG: by another thread, while libraries work."""
+    timer = Timer(LONG, log.info, ["%s: at work for %g s", WORDS.get(name, name), LONG])
+    timer.daemon = True
+    if name in WORDS:
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
