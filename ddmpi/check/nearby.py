@@ -55,6 +55,7 @@ class Boundary:
     def of(cls, mesh: Mesh) -> Self:
         """The boundary of a mesh. Not collective."""
         d, facets = mesh.dimension, mesh.boundary[0]
+        d = mesh.cell.facet.corners
         at = mesh.points[facets[:, :d]]
         keys = [np.sort(part[:, :d], axis=1) for part in (facets, *mesh.groups.values())]
         number = np.split(

@@ -64,7 +64,7 @@ ELEMENTS: dict[str, dict[int, str]] = {
 }
 """Abaqus's names of elements: letters and a number; further letters are ignored."""
 
-KEPT = ("quad",)
+KEPT = ("quad", "hexahedron")
 """Shapes that bodies keep which have elements of no other shape; all but simplices are cut elsewhere."""
 
 FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")

@@ -16,7 +16,7 @@ from ddmpi.interface.interface import Interface, Lines, Partner
 from ddmpi.interface.rows import Rows, build, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import links
-from ddmpi.mesh.elements import circumference, facet_measures
+from ddmpi.mesh.elements import CELLS, circumference, facet_measures
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, cover
 from ddmpi.surface.cut import FACING, Cover, stretch
@@ -147,7 +147,11 @@ def face_rigid(
     if not side.cell.bears:
         over, looked = (
             _over_rigid(side, rigid, np.flatnonzero(towards), *rule)
-            for rule in (side.cell.rule, (side.cell.nodes, np.zeros(len(side.cell.nodes))))
+            for cell in [CELLS[2, side.cell.order]]
+            for rule in (
+                cell.rule if side.cell.simplex else cell.fine,
+                (cell.nodes, np.zeros(len(cell.nodes))),
+            )
         )
         rows = rows_at_vertices(both, 0, over, looked, contact)
     else:
@@ -171,20 +175,17 @@ def face_rigid(
 def _over_rigid(
     side: Side, rigid: Rigid, some: np.ndarray, where: np.ndarray, weights: np.ndarray
 ) -> Cover:
-    """The cover of some facets (n,) that face a rigid surface in space, at points `where` (p, 3) with weights (p,)."""
-    facet, at = np.repeat(some, len(where)), np.tile(where, (len(some), 1))
-    outward, gap = rigid.facing(np.einsum("qc,qcd->qd", at, side.xy[side.corners[facet]]))
+    """The cover of some facets (n,) that face a rigid surface in space, at points `where` (p, 3) of the triangles into
+    which they are cut, with weights (p,)."""
+    triangles, parts = side.xy[side.simplices], len(side.cell.straight.parts)
+    cut = (some[:, None] + len(side.facets) * np.arange(parts)).ravel()
+    cut, where = np.repeat(cut, len(where)), np.tile(where, (len(cut), 1))
+    facet, at = side.on_facets(cut, where)
+    outward, gap = rigid.facing(np.einsum("qc,qcd->qd", where, triangles[cut]))
     outward = np.where(outward.any(axis=1, keepdims=True), outward, -side.outward[facet])
-    weight = np.tile(weights, len(some)) * facet_measures(side.xy[side.corners])[facet]
-    return Cover(
-        facet,
-        at,
-        facet,
-        at,
-        weight * stretch(side, facet, at),
-        -outward,
-        gap - side.bulge(facet, at, -outward),
-    )
+    weight = np.tile(weights, len(cut) // len(weights)) * facet_measures(triangles)[cut]
+    gap = gap - side.bulge(cut, where, -outward)
+    return Cover(facet, at, facet, at, weight * stretch(side, facet, at), -outward, gap)
 
 
 def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
@@ -295,11 +296,11 @@ def _unmatched(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarra
         edges, match = links(side.facets, side.dimension), np.full(len(side.nodes), -1)
         edges, match[matched] = np.concatenate([edges, edges[:, ::-1]]), partner
         start, end = edges[(match[edges[:, 0]] >= 0) & (match[edges[:, 1]] < 0)].T
-        corners = other.corners.ravel()
+        corners = other.simplices.ravel()
         order = np.argsort(corners, kind="stable")
         # Each edge meets the facets at its start's partner.
         edge, place = together(match[start], corners[order])
-        facet = other.xy[other.corners[order[place] // side.dimension]]
+        facet = other.xy[other.simplices[order[place] // side.dimension]]
         away = side.xy[end] - side.xy[start] + other.xy[match[start]]
         # the neighbour, shifted with its paired node onto the partner, in barycentric coordinates of a facet there
         off, along = across(away[edge] - facet[:, 0], facet)

@@ -55,12 +55,12 @@ UNSEEN = 1e-7
 def connect(first: Side, second: Side, contact: SettledContact, refinement: int = 1) -> Interface:
     """The interface of two sides: by `pair` where nodes match, else by `mortar`, unless `contact.pairing` chooses."""
     # on curved surfaces with an overlap, mortar rows of matching meshes differ from pairs by about gap/R: pairs come
-    # first where nodes match
-    paired = first.cell.bears and second.cell.bears
+    # first where nodes match; triangles and quadrilaterals share a pressure among the same nodes in different ways
+    paired = first.cell is second.cell and first.cell.bears
     if contact.pairing == "nodes" and not paired:
         raise InputError(
-            f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, as corners of "
-            "quadratic ones carry no pressure; leave it out"
+            f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, or linear bricks, on "
+            "both sides, as corners of quadratic ones carry no pressure; leave it out"
         )
     if contact.pairing != "mortar" and paired:
         try:

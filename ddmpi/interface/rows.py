@@ -245,7 +245,7 @@ def _tilt(rows: Rows, keep: np.ndarray, frame: np.ndarray) -> np.ndarray:
         normal = side.normal
         # at corners those of smooth arcs, exact on circles and spheres; curved facets in space have their own
         if np.isfinite(side.modulus) and side.cell.bears:
-            smooth = unit(nodal(side.fans, side.corners, len(side.nodes)))
+            smooth = unit(nodal(side.fans, side.simplices, len(side.nodes)))
             normal = np.where(smooth.any(axis=1, keepdims=True), smooth, normal)
         own.append(transfer[keep] @ normal)
     across, *along = np.einsum("rtd,srd->tsr", frame, np.stack([own[0], -own[1]]))
@@ -265,6 +265,7 @@ def _numbered(rows: Rows, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, Lin
     side = rows.sides[rows.slave]
     number = np.append(np.where(left, -1, np.cumsum(~left) - 1), -1)  # −1 stays −1
     nodes = (side.facets if side.cell.bears else side.corners)[rows.whole]
+    nodes = nodes if side.cell.simplex else side.cell.straight.split(nodes)
     facets = number[rows.place[nodes]]
     area = rows.lines.area * (not rows.pointwise)
     lines = replace(rows.lines, row=number[rows.lines.row], area=area)
@@ -493,6 +494,8 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     forces reach no farther than the contact does. Facets that are wholly covered keep their own coordinates, and so do
     those with no such triangle: slivers (LEAST), or separate covered parts, over which a hat has no integral.
     """
+    if not side.cell.simplex:
+        return _inset_rectangles(side, over, corners)
     facets, place = np.unique(over.facet, return_inverse=True)
     kept = np.isin(corners.facet, facets)
     at = corners.at[kept]
@@ -522,6 +525,21 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     integrals = np.zeros((len(facets), d))
     np.add.at(integrals, place, over.weight[:, None] * hats)
     return np.where((integrals.min(axis=1) > LEAST * covered)[place, None], hats, over.at)
+
+
+def _inset_rectangles(side: Side, over: Cover, corners: Cover) -> np.ndarray:
+    """`inset` of quadrilaterals: the hats of the smallest rectangle of their parameters that holds the covered part."""
+    cell, count = side.cell.straight, len(side.facets)
+    ends = cell.parameters(corners.at)
+    low, high = np.ones((count, ends.shape[1])), np.zeros((count, ends.shape[1]))
+    np.minimum.at(low, corners.facet, np.where(ends < SAME, 0.0, ends))
+    np.maximum.at(high, corners.facet, np.where(ends > 1.0 - SAME, 1.0, ends))
+    at = (cell.parameters(over.at) - low[over.facet]) / np.maximum(high - low, SAME)[over.facet]
+    hats = cell.hats_at(cell.coordinates(at))
+    covered = np.bincount(over.facet, over.weight, count)
+    integrals = nodal(over.weight[:, None] * hats, over.facet, count)
+    fits = integrals.min(axis=1) > LEAST * covered
+    return np.where(fits[over.facet, None], hats, over.at)
 
 
 def means(integrals: sparse.csr_matrix, area: np.ndarray) -> sparse.csr_matrix:

@@ -34,6 +34,7 @@ from ddmpi.interface.rows import (
     rows_of,
 )
 from ddmpi.mesh.boundary import creases, links
+from ddmpi.mesh.elements import facet_shares
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side, nodal
@@ -71,7 +72,7 @@ def rows_at_vertices(
     kept, hats = clamped & quadratic, over.at if contact.two_sided else inset(side, over, looked)
     psi = over.weight[:, None] * hats
     if not contact.two_sided:
-        psi = duals(side, over, hats, SAME, 1.0 / 3.0, kept[side.corners])
+        psi = duals(side, over, hats, SAME, 1.0 / hats.shape[1], kept[side.corners])
     psi = at_points(psi, side.corners[over.facet], size)
     integrals = np.asarray(psi.sum(axis=0)).ravel()
     dual = mix = sparse.identity(size, format="csr")
@@ -108,7 +109,7 @@ def rows_at_vertices(
     return replace(
         rows,
         whole=rows.whole & complete,
-        lines=Lines(row, xy, rows.area, facets[seen & complete], at),
+        lines=Lines(row, xy, rows.area, side.cell.straight.split(facets[seen & complete]), at),
         points=between(sides, slave, looked),
         waves=quadratic,
     )
@@ -125,7 +126,8 @@ def _sharing(
     """Vertices (k,) that share their functions, if enough rows remain: those with small `integrals` (k,), those that
     are wholly `clamped` (k,), and those of other contacts; none that is `kept` (k,)."""
     corners, size = side.corners, len(met)
-    areas = np.repeat(side.lengths[:, None] / 3.0, 3, axis=1)
+    areas = facet_shares(side.xy[corners])
+    areas *= (side.lengths / areas.sum(axis=1))[:, None]
     seen = np.isin(np.arange(len(corners)), over.facet)
     # ∫ of hats over all facets, over those that are seen, and over what is covered
     full, faced = nodal(areas, corners, size), nodal(areas[seen], corners[seen], size)

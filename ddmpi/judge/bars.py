@@ -450,14 +450,15 @@ def _straight_sides(mesh: Mesh) -> Straight:
     stands κ e²/8 over the middle of an edge e, and normals at its ends differ by κ e.
     """
     d, facets = mesh.dimension, mesh.boundary[0]
-    corners = facets[:, :d]
+    corners = facets[:, : mesh.cell.facet.corners]
     x, normal = mesh.points[corners], unit(normals(mesh.points[corners]))
     bends = creases(mesh.points, corners, normal)
     smooth = np.ones(len(mesh.points), bool)
     smooth[bends.nodes[np.abs(bends.turn) > SHARPEST]] = False
     smooth[bends.rim] = False
     arms = x - x.mean(axis=1, keepdims=True)
-    turned = corner_normals(mesh.points, corners)[corners] - normal[:, None]
+    flat = mesh.cell.facet.straight.split(corners)
+    turned = corner_normals(mesh.points, flat)[corners] - normal[:, None]
     turns = (turned * arms).sum(axis=2) * smooth[corners]
     # a corner leaves the turn at its facet's other ends to count for it
     turn = d * turns.sum(axis=1) / np.maximum(smooth[corners].sum(axis=1), 1)

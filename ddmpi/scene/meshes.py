@@ -100,14 +100,14 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     angles : of an annulus, [start, end] in degrees; if they are 360 apart, it is closed and has no start and end
     divisions : numbers of cells, each cut into two triangles: [nx, ny], of an annulus [around, across]; in space
         [nx, ny, nz], each cut into six tetrahedra
-    elements : of a shape with divisions in the plane, "bricks": its cells are quadrilaterals; left out, "simplices"
+    elements : of a shape with divisions, "bricks": its cells are quadrilaterals or hexahedra; left out, "simplices"
     file : a mesh with groups: "x.msh" as gmsh writes it, in any version of its format; "x.inp" of Abaqus or CalculiX;
-        "x.med"; "x.vtu" and "x.vtk". A body of quadrilaterals alone keeps them; of all others,
+        "x.med"; "x.vtu" and "x.vtk". A body of quadrilaterals or of hexahedra alone keeps them; of all others,
         elements are cut into triangles or tetrahedra; see docs/start/drawing.md
-    cut : whether quadrilaterals of a file are cut into triangles in any case
-    integration : of quadrilaterals, "modes", of order 1 with incompatible modes, which do not lock in bending; "full";
-        or "reduced", of order 2, with a thousandth of the full rule. Left out, order 1 has modes, but around an axis,
-        where they fail, and order 2 the full rule; see docs/use/elements.md
+    cut : whether quadrilaterals and hexahedra of a file are cut in any case
+    integration : of quadrilaterals and hexahedra, "modes", of order 1 with incompatible modes, which do not lock in
+        bending; "full"; or "reduced", of order 2, with a thousandth of the full rule. Left out, order 1 has modes,
+        but around an axis, where they fail, and order 2 the full rule; see docs/use/elements.md
     geometry : a drawing (.geo, .step, .brep) with physical groups, or of a solid; see docs/start/drawing.md
     part : of a file or a geometry with several bodies the one of this body: by the name of its set of elements
         (ELSET), part or instance, MED group or gmsh's physical volume (surface in the plane); in a geometry by its name
@@ -240,10 +240,8 @@ class MeshSpec(Table, frozen=True, kw_only=True):
 
     def _check_cells(self) -> None:
         """Raise ValueError if a key about bricks is given that belongs to other meshes."""
-        if self.elements and self.shape not in ("rectangle", "quadrilateral", "annulus"):
-            raise ValueError(
-                f"elements belongs to a shape with divisions in the plane, not to {self._what}"
-            )
+        if self.elements and not self.divisions:
+            raise ValueError(f"elements belongs to a shape with divisions, not to {self._what}")
         if self.cut and not self.file:
             raise ValueError(f"cut belongs to a file, not to {self._what}")
         if self.integration and (self.cut or not (self.file or self.elements == "bricks")):

@@ -2,7 +2,8 @@
 
 Both facets are projected along the normal of the slave's, the plane triangle of its corners. Their common polygon is
 cut into triangles with Gauss points (Puso and Laursen, Comput. Methods Appl. Mech. Engrg. 193, 2004). On facets of
-order 2 the barycentric coordinates in these triangles are the parameters.
+order 2 the barycentric coordinates in these triangles are the parameters. Quadrilaterals take part as two triangles
+each; the parameters of a point are those of their bilinear map.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ddmpi.mesh.elements import facet_measures
+from ddmpi.mesh.elements import CELLS, Cell, facet_measures
 from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import ROUNDING, SAME, spans, together
 
@@ -32,7 +33,7 @@ class Cover:
 
     Attributes
     ----------
-    facet, at : (q,) the slave's facet of a point, and (q, d) its barycentric coordinates
+    facet, at : (q,) the slave's facet of a point, and (q, c) the hats of its corners there
     other, there : the same for the point of the other side
     weight : (q,) shares in the length or area of the slave's facets, around an axis in areas (m or m²)
     direction : (q, d) unit normal of the slave along which the other side is searched
@@ -55,13 +56,16 @@ class Cover:
 def cut(slave: Side, master: Side, depth: np.ndarray) -> Cover:
     """`cover` in space, up to a `depth` (f,) behind the slave's facets: Gauss points of the triangles that the facets
     are cut into, and the corners of these, without weight. Not collective."""
-    slaves, masters = slave.xy[slave.corners], master.xy[master.corners]
-    outward, backward = slave.outward, master.outward
+    slaves, masters = slave.xy[slave.simplices], master.xy[master.simplices]
+    outward, backward = slave.flat, master.flat
+    depth = np.tile(depth, len(slaves) // len(depth))
     facet, other = _near(slaves, masters, outward, backward)
     faces = np.einsum("pd,pd->p", outward[facet], backward[other]) < FACING
     facet, other = facet[faces], other[faces]
-    # The product of shape functions of both sides needs the rule of the higher order.
+    # The product of shape functions of both sides needs the rule of the higher order; of bilinear maps it is rational.
     where, weights = max(slave.cell, master.cell, key=lambda cell: cell.order).rule
+    if not (slave.cell.simplex and master.cell.simplex):
+        where, weights = CELLS[2, 1].fine
     rule = np.concatenate([where, np.eye(3)]), np.append(weights, np.zeros(3))
     cuts = [
         _cut(
@@ -97,24 +101,25 @@ def cut(slave: Side, master: Side, depth: np.ndarray) -> Cover:
         values[keep] for values in (facet, other, at, there, weight, distance)
     )
     ray = outward[facet]
+    gap = distance - slave.bulge(facet, at, ray) - master.bulge(other, there, -ray)
+    facet, at = slave.on_facets(facet, at)
     return Cover(
-        facet,
-        at,
-        other,
-        there,
-        weight * stretch(slave, facet, at),
-        ray,
-        distance - slave.bulge(facet, at, ray) - master.bulge(other, there, -ray),
+        facet, at, *master.on_facets(other, there), weight * stretch(slave, facet, at), ray, gap
     )
 
 
 def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Ratio (q,) of the areas of curved facets at points (q, 3) and of their plane triangles."""
+    """Ratio (q,) of the areas of curved facets at points (q, c) and of plane ones with their corners."""
     if side.cell.linear:
         return np.ones(len(facet))
-    slopes, flat = side.cell.derivatives(at), facet_measures(side.xy[side.corners])
-    slopes = np.einsum("aqk,qkd->aqd", slopes, side.xy[side.facets[facet]])
-    return np.linalg.norm(np.cross(slopes[0], slopes[1]), axis=1) / 2 / flat[facet]
+
+    def area(cell: Cell, nodes: np.ndarray) -> np.ndarray:
+        one, two = np.einsum("aqk,qkd->aqd", cell.derivatives(at), side.xy[nodes[facet]])
+        return np.linalg.norm(np.cross(one, two), axis=1)
+
+    if side.cell.simplex:
+        return area(side.cell, side.facets) / 2 / facet_measures(side.xy[side.corners])[facet]
+    return area(side.cell, side.facets) / area(side.cell.straight, side.corners)
 
 
 def _near(

@@ -47,8 +47,8 @@ class Outline:
 
 
 class Outlined(NamedTuple):
-    """Straight cells of what a side covers: the facet (c,) of each, barycentric coordinates (c, d, d) of its corners,
-    and their `hats` (c, d, d), by which values are interpolated; and what they should measure in all (m or m²)."""
+    """Straight cells of what a side covers: the facet (c,) of each, the hats (c, d, ·) of the facet's corners at its
+    own, and their `hats` (c, d, ·), by which values are interpolated; and what they should measure in all (m or m²)."""
 
     facet: np.ndarray
     at: np.ndarray
@@ -62,16 +62,20 @@ def outlined(side: Side, over: Cover, hats: np.ndarray) -> Outlined:
     d, ends = side.dimension, np.flatnonzero(over.weight == 0.0)
     facet, at, hats = (
         over.facet[ends[::d]],
-        over.at[ends].reshape(-1, d, d),
-        hats[ends].reshape(-1, d, d),
+        over.at[ends].reshape(-1, d, over.at.shape[1]),
+        hats[ends].reshape(-1, d, hats.shape[1]),
     )
     # the determinant of a piece's coordinates is its part of the facet, negative if it is turned inward
-    parts = np.linalg.det(at)
+    parameters = side.cell.parameters(at)
+    parts = (
+        np.linalg.det(at)
+        if side.cell.simplex
+        else np.linalg.det(parameters[:, 1:] - parameters[:, :1]) / 2
+    )
     at[parts < 0.0], hats[parts < 0.0] = at[parts < 0.0, ::-1], hats[parts < 0.0, ::-1]
     share = np.bincount(facet, np.abs(parts), len(side.facets))
     pieces = ~(np.abs(share - 1.0) <= ALIKE)[facet]
-    whole = np.setdiff1d(facet, facet[pieces])
-    corners = np.tile(np.eye(d), (len(whole), 1, 1))
+    whole, corners = _whole(side, np.setdiff1d(facet, facet[pieces]))
     facet = np.append(whole, facet[pieces])
     order = np.argsort(facet, kind="stable")
     return Outlined(
@@ -84,8 +88,14 @@ def outlined(side: Side, over: Cover, hats: np.ndarray) -> Outlined:
 
 def whole_facets(side: Side, some: np.ndarray) -> Outlined:
     """`outlined` facets of a side that are whole, marked by `some` (f,) bool."""
-    corners = np.tile(np.eye(side.dimension), (np.count_nonzero(some), 1, 1))
-    return Outlined(np.flatnonzero(some), corners, corners, float(side.areas[some].sum()))
+    facet, corners = _whole(side, np.flatnonzero(some))
+    return Outlined(facet, corners, corners, float(side.areas[some].sum()))
+
+
+def _whole(side: Side, facets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The facets (n,) as simplices: the facet of each, and the hats (·, d, c) at its corners."""
+    corners = np.eye(side.corners.shape[1])[side.cell.straight.parts]
+    return np.repeat(facets, len(corners)), np.tile(corners, (len(facets), 1, 1))
 
 
 def drawn_cells(side: Side, covered: Outlined) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -99,11 +109,17 @@ def drawn_cells(side: Side, covered: Outlined) -> tuple[np.ndarray, np.ndarray, 
         () if side.cell.linear else (curved | side.cell.bears, curved & (not side.cell.bears))
     ):
         fine = halved[facet]
-        halves = [(HALVED[d] @ values[fine, None]).reshape(-1, d, d) for values in (at, hats)]
+        halves = [
+            (HALVED[d] @ values[fine, None]).reshape(-1, *values.shape[1:]) for values in (at, hats)
+        ]
         number = np.where(fine, len(HALVED[d]), 1)
         facet, at, hats = (np.repeat(values, number, axis=0) for values in (facet, at, hats))
         at[np.repeat(fine, number)], hats[np.repeat(fine, number)] = halves
-    facet, at, hats = np.repeat(facet, d), at.reshape(-1, d), np.maximum(hats.reshape(-1, d), 0.0)
+    facet, at, hats = (
+        np.repeat(facet, d),
+        *(values.reshape(-1, values.shape[2]) for values in (at, hats)),
+    )
+    hats = np.maximum(hats, 0.0)
     return facet, _of_measure(side, facet, at, measure), hats / hats.sum(axis=1, keepdims=True)
 
 

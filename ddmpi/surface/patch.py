@@ -29,10 +29,10 @@ class Patch(Side):
         at the rim. With too few neighbours, and on both sides of an edge sharper than SHARPEST, the mean of the
         triangles' normals with weights that are exact on spheres (Max, J. Graphics Tools 4, 1999).
         """
-        xy, facets = self.xy, self.corners
+        xy, facets = self.xy, self.simplices
         corners = xy[facets]
         edges = np.roll(corners, -1, axis=1) - corners  # to the next corner
-        outward, before = self.outward, -np.roll(edges, 1, axis=1)  # to the one before
+        outward, before = self.flat, -np.roll(edges, 1, axis=1)  # to the one before
         # Max's weight of a triangle at its corner: sin of the angle over the lengths of both edges, times the unit
         # normal.
         weighted = (
@@ -70,7 +70,7 @@ class Patch(Side):
             np.maximum(at[some], 0.0),
             direction[some],
         )  # κ is a mean
-        x, n = self.xy[self.corners[facets]], normals[facets]
+        x, n = self.xy[self.simplices[facets]], normals[facets]
         apart, turn = (
             np.roll(values, -1, axis=1) - values for values in (x, n)
         )  # to the next corner
@@ -88,7 +88,7 @@ class Patch(Side):
         rest = np.sqrt(np.maximum(1.0 - kappa**2 * ((x[:, 0] - middle) ** 2).sum(axis=1), 0.0))
         place = np.einsum("qc,qcd->qd", weight, x) - middle
         beta = np.einsum(
-            "qd,qd->q", ray, kappa[:, None] * place + rest[:, None] * self.outward[facets]
+            "qd,qd->q", ray, kappa[:, None] * place + rest[:, None] * self.flat[facets]
         )
         # κ t² + 2 β t − κ Q = 0 for the distance t along the ray; its small root, without cancellation.
         below = beta + np.sqrt(np.maximum(beta**2 + kappa**2 * Q, 0.0))
@@ -97,7 +97,7 @@ class Patch(Side):
 
     def pieces(self, some: np.ndarray) -> np.ndarray:
         """Triangles between corners."""
-        return self.corners[some]
+        return self.cell.straight.split(self.corners[some])
 
 
 def in_places(

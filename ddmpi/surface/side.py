@@ -13,6 +13,7 @@ import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import (
+    BRICKS,
     Cell,
     cell_with,
     circumference,
@@ -21,7 +22,10 @@ from ddmpi.mesh.elements import (
     facet_shares,
     normals,
 )
-from ddmpi.system.numbers import Frame
+from ddmpi.system.numbers import ROUNDING, Frame
+
+NEWTON = 20
+"""Most steps to the place of a point in a quadrilateral; parallelograms take one."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +94,20 @@ class Side:
         """(f, c) the nodes at the corners of the facets."""
         return self.facets[:, : self.cell.corners]
 
+    @property
+    def simplices(self) -> np.ndarray:
+        """(f', d) the nodes at the corners of the simplices into which the facets are cut, first parts first."""
+        return self.cell.straight.split(self.corners)
+
+    def on_facets(self, simplex: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The facets (q,) of some `simplices` (q,), and the hats (q, c) of their corners at points with barycentric
+        coordinates `at` (q, d) in these: of a quadrilateral by the inverse of its bilinear map, along its normal."""
+        facet = simplex % len(self.facets)
+        if self.cell.simplex:
+            return facet, at
+        place = np.einsum("qc,qcd->qd", at, self.xy[self.simplices[simplex]])
+        return facet, bilinear(place, self.xy[self.corners[facet]], self.outward[facet])
+
     def shifted(self, shift: np.ndarray, body: str) -> Side:
         """The side of a body of this name that is elsewhere, by a shift (d,) in metres."""
         other = replace(self, body=body, xy=shift + self.xy)
@@ -141,6 +159,11 @@ class Side:
         """(f, d) outer unit normal of each facet's chord, or of the triangle of its corners."""
         return unit(normals(self.xy[self.corners]))
 
+    @property
+    def flat(self) -> np.ndarray:
+        """(f', d) outer unit normals of the `simplices`."""
+        return self.outward if self.cell.simplex else unit(normals(self.xy[self.simplices]))
+
     @cached_property
     def spacing(self) -> np.ndarray:
         """(k,) mean distance of each node to its neighbours (m)."""
@@ -151,14 +174,14 @@ class Side:
 
     @property
     def fans(self) -> np.ndarray:
-        """(f, d, d) unit normals at the corners of facets, shared by all that meet at less than SHARPEST."""
+        """(f', d, d) unit normals at the corners of the simplices, shared by all that meet at less than SHARPEST."""
         raise NotImplementedError
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
         """Distance (q,) of the smooth boundary from its chords, or plane triangles, outward (m).
 
-        It is measured along unit vectors `direction` (q, d) from places on facets (q,): in the plane `at` (q,) from 0
-        at the first end to 1 at the second, in space at barycentric coordinates `at` (q, 3).
+        It is measured along unit vectors `direction` (q, d) from places on facets (q,), in space `simplices`: in the
+        plane `at` (q,) from 0 at the first end to 1 at the second, in space at barycentric coordinates `at` (q, 3).
         """
         raise NotImplementedError
 
@@ -222,6 +245,23 @@ def laplacian(
     one, other = np.broadcast_arrays(row[facets][:, :, None], row[facets][:, None, :])
     moves = (one >= 0) & (other >= 0)
     return sparse.csr_matrix((local[moves], (one[moves], other[moves])), (m, m))
+
+
+def bilinear(places: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """The hats (q, 4) at places (q, 3) of quadrilaterals with `corners` (q, 4, 3), seen along a `normal` (q, 3): by
+    Newton's method from the middle."""
+    cell = BRICKS[2, 1]
+    at = np.full((len(places), 2), 0.5)
+    for _ in range(NEWTON):
+        hats = cell.hats_at(cell.coordinates(at))
+        off = places - np.einsum("qc,qcd->qd", hats, corners)
+        one, two = np.einsum("aqc,qcd->aqd", cell.derivatives(hats), corners)
+        area = np.einsum("qd,qd->q", normal, np.cross(one, two))
+        step = np.stack([np.cross(off, two), np.cross(one, off)], axis=1) @ normal[:, :, None]
+        at = at + step[:, :, 0] / area[:, None]
+        if np.abs(step[:, :, 0]).max(initial=0.0) <= ROUNDING * np.abs(area).min(initial=np.inf):
+            break
+    return cell.hats_at(cell.coordinates(at))
 
 
 def unit(vectors: np.ndarray) -> np.ndarray:

@@ -186,8 +186,8 @@ def test_a_curved_triangle_meets_its_corners():
     """However coordinates round there, the boundary that is meant goes through the corners of a ball's facets."""
     ball = SimpleNamespace(
         xy=np.eye(3),
-        corners=np.arange(3)[None],
-        outward=np.full((1, 3), 3**-0.5),
+        simplices=np.arange(3)[None],
+        flat=np.full((1, 3), 3**-0.5),
         fans=np.eye(3)[None],
     )
     at = np.array(

@@ -316,7 +316,7 @@ SHAPES = [
         mesh('geometry="a.geo", size=0.5, size_on={hole=0.5}'),
     ),
     Bound(
-        "elements belongs to a shape with divisions in the plane, not to a geometry",
+        "elements belongs to a shape with divisions, not to a geometry",
         "plane",
         mesh('geometry="a.geo", size=0.5, elements="bricks"'),
         "body.upper.mesh.elements=bricks",

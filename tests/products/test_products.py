@@ -18,8 +18,6 @@ from ddmpi.decks.scene import import_deck
 
 NAMES = ("strain", "stress", "plate", "axis", "space")
 
-IN_BRICKS = NAMES[:4]
-
 
 def combinations() -> list:
     """Each feature in each kind of scene with both orders, one of them in one load step and the other in several.
@@ -122,7 +120,7 @@ def of_bricks() -> list:
     """The scenes with an answer and generated meshes, of each feature one in the quick suite, with both orders by turns."""
     found = []
     for k, name in enumerate(FEATURES):
-        kinds = [Kind(kind, 1 + (j + k) % 2, (j + k) % 3 == 0) for j, kind in enumerate(IN_BRICKS)]
+        kinds = [Kind(kind, 1 + (j + k) % 2, (j + k) % 3 == 0) for j, kind in enumerate(NAMES)]
         answered = [kind for kind in kinds if not FEATURES[name](kind).refused]
         for j, kind in enumerate(answered):
             marks = [] if j == k % len(answered) else pytest.mark.slow
@@ -132,7 +130,7 @@ def of_bricks() -> list:
 
 @pytest.mark.parametrize(("name", "kind"), of_bricks(), ids=str)
 def test_a_feature_in_bricks(name, kind):
-    """Quadrilaterals of both orders keep all promises; of two bodies one may have triangles."""
+    """Bricks of both orders keep all promises; of two bodies one may have simplices."""
     case = FEATURES[name](kind)
     for body in case.scene["body"][: 1 + len(name) % 2]:
         if "divisions" in body.get("mesh", {}):

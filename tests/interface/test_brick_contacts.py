@@ -1,0 +1,141 @@
+"""Contacts of hexahedra: a constant pressure on trapezoids, fits of curved ones, rigid partners, unlike bodies."""
+
+import numpy as np
+import pytest
+from bricks import grid
+from mpi4py import MPI
+from scenes import certified
+
+import ddmpi
+from ddmpi.surface.side import bilinear
+
+STEEL = {"young": 2e11, "poisson": 0.3}
+
+BASE = [[0, 0], [1, 0], [0.7, 0.9], [0, 1.3]]
+
+
+def block(name, low, divisions, order, elements, **keys):
+    corners = [[*at, z] for z in (low, low + 1) for at in BASE]
+    mesh = {"shape": "hexahedron", "corners": corners, "divisions": divisions, "order": order}
+    return {"name": name, "mesh": mesh | {"elements": elements}, "material": STEEL} | keys
+
+
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize(
+    "elements", [("bricks", "bricks"), ("bricks", "simplices"), ("simplices", "bricks")]
+)
+def test_a_pressure_on_trapezoids_is_constant(order, elements):
+    """Whose meshes do not match, and of which one side may have triangles."""
+    sides = [{"on": "left", "x": 0.0}, {"on": "front", "y": 0.0}]
+    load = [{"on": "top", "value": [0.0, 0.0, -1e7]}]
+    scene = {
+        "body": [
+            block("upper", 1, [3, 3, 2], order, elements[0], clamp=sides, traction=load),
+            block(
+                "lower",
+                0,
+                [4, 4, 2],
+                order,
+                elements[1],
+                clamp=[*sides, {"on": "bottom", "z": 0.0}],
+            ),
+        ],
+        "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]}],
+    }
+    pressure = certified(scene).contacts["upper-lower"].pressure
+    assert pressure == pytest.approx(np.full(len(pressure), 1e7), rel=1e-8)
+
+
+def tube(inner, outer, divisions, order, cut):
+    """A quarter of a tube, of hexahedra with curved edges in order 2, as arrays."""
+    mesh = grid(divisions, order)
+    r, t = inner + (outer - inner) * mesh.points[:, 0], np.pi / 2 * mesh.points[:, 1]
+    points = np.stack([r * np.cos(t), r * np.sin(t), 0.25 * mesh.points[:, 2]], axis=1)
+    return {
+        "points": points,
+        "cells": mesh.triangles,
+        "groups": mesh.groups,
+        "order": order,
+        "cut": cut,
+    }
+
+
+@pytest.mark.parametrize("order, most", [(1, 0.04), (2, 0.01)])
+def test_a_fit_of_tubes_is_better_than_their_cut(order, most):
+    """Lamé's pressure between plates, of meshes that do not match; at the same nodes tetrahedra are farther off."""
+    held = [
+        {"on": "front", "y": 0.0},
+        {"on": "back", "x": 0.0},
+        *({"on": on, "z": 0.0} for on in ("bottom", "top")),
+    ]
+    errors = []
+    for cut in (False, True):
+        bodies = [
+            {
+                "name": name,
+                "mesh": tube(*radii, (2, n, 1), order, cut),
+                "material": STEEL,
+                "clamp": held,
+            }
+            for name, radii, n in (("shaft", (0.5, 1.0), 8), ("hub", (1.0, 2.0), 12))
+        ]
+        contact = {"bodies": ["shaft", "hub"], "on": ["right", "left"], "gap": -1e-4}
+        answer = ddmpi.solve({"body": bodies, "contact": [contact]}, MPI.COMM_SELF)
+        assert answer.certified
+        assert (
+            answer.bodies["hub"].cells.shape[1]
+            == ({1: 8, 2: 20} if not cut else {1: 4, 2: 10})[order]
+        )
+        # δ/p = (1 + ν)/E (((1 − 2ν) + a²)/(1 − a²) + ((1 − 2ν) + c²)/(c² − 1)) of radii a, 1, c
+        exact = 1e-4 * 2e11 / 1.3 / ((0.4 + 0.25) / 0.75 + (0.4 + 4.0) / 3.0)
+        errors.append(np.abs(answer.contacts["shaft-hub"].pressure / exact - 1.0).max())
+    assert errors[0] < most and errors[0] < errors[1]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_ball_on_a_block_of_bricks(order):
+    """Hertz's force of a rigid ball on a block, as far as the block is a half-space, is that of tetrahedra to 3 %."""
+    forces = []
+    for elements in ("bricks", "simplices"):
+        mesh = {
+            "shape": "box",
+            "origin": [-0.1, -0.1, -0.1],
+            "size": [0.2, 0.2, 0.1],
+            "divisions": [9, 9, 5],
+        }
+        scene = {
+            "body": [
+                {
+                    "name": "block",
+                    "mesh": mesh | {"order": order, "elements": elements},
+                    "material": STEEL,
+                    "clamp": ["bottom"],
+                }
+            ],
+            "rigid": [
+                {
+                    "name": "ball",
+                    "shape": "sphere",
+                    "center": [0, 0, 1.0],
+                    "radius": 1.0,
+                    "displacement": [0, 0, -1e-3],
+                }
+            ],
+            "contact": [{"bodies": ["block", "ball"], "on": ["top"]}],
+        }
+        forces.append(certified(scene).summary["contacts"]["block-ball"]["normal_force"])
+    assert forces[0] == pytest.approx(forces[1], rel=0.12 if order == 1 else 0.03)
+
+
+def test_a_place_in_a_quadrilateral_is_found():
+    """The bilinear map there and back, of trapezoids and of warped ones, seen along their normals."""
+    random = np.random.default_rng(5)
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0.6, 0.9, 0], [0, 1.2, 0]]) + 0.05 * random.normal(
+        size=(50, 4, 3)
+    )
+    s, t = random.uniform(0, 1, (2, 50))
+    hats = np.stack([(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t], axis=1)
+    normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    place = np.einsum("qc,qcd->qd", hats, corners) + 0.1 * normal
+    assert bilinear(place, corners, normal) == pytest.approx(hats, abs=1e-12)
