@@ -15,6 +15,7 @@ from ddmpi.decks.cards import Acting, Card, DeckError, called, entry, number, nu
 from ddmpi.decks.pieces import Piece
 from ddmpi.errors import InputError
 from ddmpi.scene.contacts import Closure
+from ddmpi.system.numbers import Frame
 
 Side = tuple[Piece, np.ndarray]
 """A body, and its facets of a surface."""
@@ -32,11 +33,14 @@ class Joints:
     def __init__(self, acts: Acts) -> None:
         self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
         self.kinds = acts.kinds
-        self.cleared: list[Card] = []
+        self.cleared, self.turned = list[Card](), list[Card]()
         self.met: list[tuple[Card, Laws, dict[str, set[int]]]] = []  # faces in contact so far
 
     def unmet(self) -> None:
-        """Note clearances of surfaces that are in no contact."""
+        """Note clearances of surfaces that are in no contact, and cyclic symmetries of no tie."""
+        for wheel in self.model.wheels.values():
+            if wheel not in self.turned:
+                self.notes.add("lost", wheel, "no *TIE with CYCLIC SYMMETRY has its name")
         for clearance in self.model.clearances.values():
             if clearance not in self.cleared:
                 self.notes.add("lost", clearance, "no *CONTACT PAIR has these surfaces")
@@ -82,34 +86,45 @@ class Joints:
         self, card: Card, slave_surface: str, master_surface: str
     ) -> Iterable[dict[str, Any]]:
         """The contacts of a pair of surfaces, one for each two bodies that they have."""
-        tied, friction, softness = laws = self._law(card)
+        tied, *_ = laws = self._law(card)
         names = slave_surface, master_surface
         slaves, masters = (self._side(card, name) for name in names)
-        joined = self._joined(card, laws, slaves, masters)
+        wheel = self._wheel(card)
+        joined = self._joined(card, laws, slaves, masters, wheel)
+        law = _entries(laws)
         for slave, on, master, against in joined:
             contact: dict[str, Any] = {
                 "bodies": [slave.name, master.name],
                 "on": [slave.group(on, slave_surface), master.group(against, master_surface)],
-            }
-            if tied:
-                contact["kind"] = "bonded"
-            elif friction:
-                contact["friction"] = {"law": "coulomb", "coefficient": friction}
-            if softness:
-                contact["softness"] = softness
-            if not self._held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
-                own = slave is master
-                contact["slave"] = (
-                    "first" if own else slave.name
-                )  # supported or rigid all over it could be none
+            } | law
+            contact |= self._slave(slave, on, master)
             gap = self._clearance(names)
+            if wheel:
+                contact["image"] = _image(wheel, slave.middle(on), master.middle(against))
             if gap is None and not tied and card.says("ADJUST", "NO") != "NO":
                 gap = self._adjusted(card, slave, slave.heights(on, master, against))
             yield contact | ({} if gap is None else {"gap": gap})
         if joined:
             self.notes.add("taken", card, "bonded contact" if tied else "contact")
-        if tied:
+        if tied and not wheel:
             self._tell_gaps(card, slaves, joined)
+
+    def _slave(self, slave: Piece, on: np.ndarray, master: Piece) -> dict[str, str]:
+        """The entry of the slave; none where it could be none, as it is supported or rigid all over."""
+        if self._held.issuperset(slave.nodes[np.unique(slave.facets[on])].tolist()):
+            return {}
+        return {"slave": "first" if slave is master else slave.name}
+
+    def _wheel(self, card: Card) -> Card | None:
+        """The *CYCLIC SYMMETRY MODEL of a tie that says that it is cyclic. Raises InputError where there is none."""
+        if "CYCLICSYMMETRY" not in card.given:
+            return None
+        wheels = self.model.wheels
+        found = wheels.get(card.name_of("NAME")) or wheels.get("")
+        if not found:
+            raise InputError(card.tells("a cyclic tie without a *CYCLIC SYMMETRY MODEL"))
+        self.turned.append(found)
+        return found
 
     @cached_property
     def _held(self) -> set[int]:
@@ -165,16 +180,15 @@ class Joints:
         return None
 
     def _joined(
-        self, card: Card, law: Laws, slaves: Sequence[Side], masters: Sequence[Side]
+        self,
+        card: Card,
+        law: Laws,
+        slaves: Sequence[Side],
+        masters: Sequence[Side],
+        wheel: Card | None,
     ) -> list[Pair]:
-        """The sides of a pair of surfaces by two bodies, or by one that touches itself, without those that are in
-        contact already."""
-        alone = len(slaves) == len(masters) == 1
-        found = [
-            (*a, *b)
-            for a, b in product(slaves, masters)
-            if a[0] is not b[0] or _touch(*a, b[1], alone)
-        ]
+        """The sides of a pair of surfaces as `_facing`, without those that are in contact already."""
+        found = self._facing(slaves, masters, wheel)
         fresh = [not self._again(card, law, one) for one in found]
         own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
         if own and not found:
@@ -187,6 +201,21 @@ class Joints:
         if not all(fresh):
             self.notes.add("changed", card, "a contact that is there already is one contact")
         return [one for one, new in zip(found, fresh, strict=True) if new]
+
+    def _facing(
+        self, slaves: Sequence[Side], masters: Sequence[Side], wheel: Card | None
+    ) -> list[Pair]:
+        """The sides of a pair of surfaces by two bodies, or by one that touches itself, or of a wheel its image."""
+        alone = wheel is not None or len(slaves) == len(masters) == 1
+        found = [
+            (*a, *b)
+            for a, b in product(slaves, masters)
+            if a[0] is not b[0] or _touch(*a, b[1], alone)
+        ]
+        if wheel:  # each flank is tied to the other one of its own body
+            found = [one for one in found if one[0] is one[2]] or found
+            self.notes.add("taken", wheel, "a sector with an image of its flank")
+        return found
 
     def _adjusted(self, card: Card, slave: Piece, heights: np.ndarray) -> float | None:
         """The gap by ADJUST of nodes of a slave with these heights (k,) over the master."""
@@ -280,6 +309,17 @@ class Joints:
         return "" if cuts and not all(given) else "a section that does not cut a body in two"
 
 
+def _entries(laws: Laws) -> dict[str, Any]:
+    """The keys of a contact by its laws."""
+    tied, friction, softness = laws
+    law: dict[str, Any] = {"softness": softness} if softness else {}
+    if tied:
+        law["kind"] = "bonded"
+    elif friction:
+        law["friction"] = {"law": "coulomb", "coefficient": friction}
+    return law
+
+
 def _touch(piece: Piece, on: np.ndarray, against: np.ndarray, alone: bool) -> bool:
     """Whether two sides of one body touch: they have no faces in common and, unless they are `alone` as of surfaces of
     this body only, some nodes lie as near to the others as to their neighbours."""
@@ -288,3 +328,24 @@ def _touch(piece: Piece, on: np.ndarray, against: np.ndarray, alone: bool) -> bo
     sides = np.diff(piece.points[piece.facets[on][:, :2]], axis=1)
     near = piece.heights(on, piece, against).min(initial=np.inf)
     return alone or bool(near <= np.median(np.linalg.norm(sides, axis=2)))
+
+
+def _image(wheel: Card, slave: np.ndarray, master: np.ndarray) -> dict[str, Any]:
+    """The image of the master's flank with this middle (3,) that is at the slave's: a turn by one sector, forwards or
+    back. Raises InputError."""
+    with wheel.reading():
+        place = np.array(wheel.values())
+        if len(place) != 6 or not np.any(place[3:] != place[:3]):
+            raise DeckError("its axis is given by two points in space")
+        count = number(wheel.given.get("N", "0"))
+        if count < 2 or count % 1:
+            raise DeckError("N is a whole number of sectors from 2 on")
+    pivot, axis = place[:3], place[3:] - place[:3]
+    unit = axis / np.linalg.norm(axis)
+
+    def off(turn: float) -> float:
+        there = Frame.of(np.zeros(3), turn * unit, pivot).at(master)
+        return float(np.linalg.norm(there - slave))
+
+    turn = min((360.0 / count, -360.0 / count), key=off)
+    return {"turn": turn, "axis": axis.tolist(), "pivot": pivot.tolist()}

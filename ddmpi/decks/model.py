@@ -53,7 +53,8 @@ class Model:
     sections : elements, material, thickness, orientation, of each section
     pairs : keyword, slave and master of surfaces in contact or tied
     rubbing : coefficients of friction that change, by interaction and number of the step
-    interactions : keywords by name; clearances : of contacts by their surfaces
+    interactions : keywords by name; clearances : of contacts by their surfaces; wheels : cyclic symmetry by the name of
+        its tie, empty where it is that of the only one
     supports, forces : by node and component
     pressures : by element and face: pressure, or with the components of TRVEC a traction
     body_forces : by set, instance, kind, and the constant and slopes (12,) of the force over its value
@@ -71,6 +72,7 @@ class Model:
         self.pairs: list[tuple[Card, str, str]] = []
         self.interactions: dict[str, dict[str, Card]] = {}
         self.clearances: dict[frozenset[str], Card] = {}
+        self.wheels: dict[str, Card] = {}
         self.rubbing: dict[str, dict[int, float]] = {}
         self.kinds: dict[str, dict[Any, Acting]] = {
             kind: {} for kind in ("supports", "forces", "pressures", "body_forces", "heat")
@@ -468,6 +470,11 @@ class Model:
         self.pairs += [(card, row[0], row[1]) for row in card.rows or [[]]]
 
     _on_tie = _on_contactpair
+
+    def _on_cyclicsymmetrymodel(self, card: Card) -> None:
+        if card.name_of("TIE") in self.wheels:
+            raise DeckError("a second cyclic symmetry of this tie")
+        self.wheels[card.name_of("TIE")] = card
 
     def _on_clearance(self, card: Card) -> None:
         if "VALUE" not in card.given:

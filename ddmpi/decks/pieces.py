@@ -262,6 +262,11 @@ class Piece:
         normal, at = self.normals(facets[:1])[0], self.facets[facets[0], : self.points.shape[1]]
         return normal * np.sign((self.points[at].mean(axis=0) - self.points.mean(axis=0)) @ normal)
 
+    def middle(self, facets: np.ndarray) -> np.ndarray:
+        """(d,) the mean of the nodes of these facets."""
+        nodes = np.unique(self.facets[facets])
+        return self.points[nodes[nodes >= 0]].mean(axis=0)
+
     def heights(self, facets: np.ndarray, master: Piece, against: np.ndarray) -> np.ndarray:
         """(k,) distances of the nodes of these facets from the facets `against` of the master below or above them."""
         corners = master._simplices(against)

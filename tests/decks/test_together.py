@@ -504,6 +504,59 @@ def test_a_body_that_touches_itself(tmp_path):
     assert moved[0] == pytest.approx(moved[1], rel=1e-8)
 
 
+def sector(wheel: str, name: str = "T") -> str:
+    """A quarter of a ring from 1 to 2 under a pressure of 5 inside, whose flanks are tied to their images."""
+    lines, nodes = grid("A", (1, 6, 1), (1.0, 1.0, 0.5)).split("\n"), True
+    for k, line in enumerate(lines[1:], 1):
+        nodes &= not line.startswith("*")
+        if nodes:
+            node, x, y, z = line.split(", ")
+            r, angle = 1.0 + float(x), 0.5 * np.pi * float(y)
+            lines[k] = f"{node}, {r * np.cos(angle)!r}, {r * np.sin(angle)!r}, {z}"
+    flanks = "".join(f"*SURFACE, TYPE=NODE, NAME=Y{k}\nA_Y{k}\n" for k in (0, 1))
+    tie = f"*TIE, NAME={name}, CYCLIC SYMMETRY\nY1, Y0\n{wheel}"
+    section = "*SOLID SECTION, ELSET=A, MATERIAL=STEEL\n*BOUNDARY\nA_Z0, 3, 3\n"
+    return "\n".join(lines) + STEEL + section + flanks + tie + step("*DLOAD", "A, P6, 5.")
+
+
+WHEEL = "*CYCLIC SYMMETRY MODEL, N=4, TIE=T\n0., 0., 0., 0., 0., 2.\n"
+
+
+def test_a_cyclic_tie_is_an_image(tmp_path):
+    """The flank bears the hoop force of a ring; the turn leads from the master to the slave."""
+    scene, lists = imported(tmp_path, sector(WHEEL))
+    (contact,) = scene["contact"]
+    image = {"turn": 90.0, "axis": [0.0, 0.0, 2.0], "pivot": [0.0, 0.0, 0.0]}
+    assert contact["image"] == image and contact["kind"] == "bonded"
+    assert "a sector with an image of its flank" in lists
+    answer = solved(tmp_path, sector(WHEEL))
+    (found,) = answer.summary["contacts"].values()
+    assert found["normal_force"] == pytest.approx(-5.0 * 1.0 * 0.5, rel=1e-8)
+    assert found["image"] == {"turn": 90.0, "sectors": 4}
+    back = sector(WHEEL).replace("Y1, Y0", "Y0, Y1")
+    assert imported(tmp_path, back)[0]["contact"][0]["image"]["turn"] == -90.0
+
+
+@pytest.mark.parametrize(
+    ("wheel", "words"),
+    [
+        ("", "a cyclic tie without a *CYCLIC SYMMETRY MODEL"),
+        (WHEEL.replace("N=4", "N=1"), "N is a whole number of sectors from 2 on"),
+        (WHEEL.replace("0., 0., 2.", "0., 0., 0."), "its axis is given by two points in space"),
+        (WHEEL + WHEEL, "a second cyclic symmetry of this tie"),
+    ],
+)
+def test_what_is_no_sector_is_refused(tmp_path, wheel, words):
+    """Without sectors or an axis, and twice."""
+    assert words in refused(tmp_path, sector(wheel))
+
+
+def test_a_cyclic_symmetry_without_a_tie_is_lost(tmp_path):
+    """Its name is that of no tie."""
+    deck = sector(WHEEL.replace("TIE=T", "TIE=U")).replace(", CYCLIC SYMMETRY\n", "\n")
+    assert "no *TIE with CYCLIC SYMMETRY has its name" in refused(tmp_path, deck)
+
+
 def test_faces_within_a_body_are_left_out_of_contacts(tmp_path):
     """With a word: no other body can touch them."""
     deck = stack(PAIR, LAW).replace("A, S2", "A, S2\nB, S2")

@@ -819,8 +819,8 @@ MUTANTS = [
         (
             "a tie loses its slave",
             "decks/joints",
-            "if not self._held.issuperset(",
-            "if not tied and not self._held.issuperset(",
+            "contact |= self._slave(slave, on, master)",
+            "contact |= {} if tied else self._slave(slave, on, master)",
             f"{TOGETHER}::test_ties_have_the_slave_of_the_deck",
         ),
         (
@@ -2327,6 +2327,13 @@ MUTANTS = [
             "if np.intersect1d(on, against).size:",
             "if False:",
             "decks/test_import.py::test_what_is_lost_of_bodies_and_what_joins_them",
+        ),
+        (
+            "a cyclic tie always turns forwards",
+            "decks/joints",
+            "min((360.0 / count, -360.0 / count), key=off)",
+            "360.0 / count",
+            "decks/test_together.py::test_a_cyclic_tie_is_an_image",
         ),
         (
             "axes of a copy stay",
