@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
-from ddmpi.judge.bars import FINAL, LARGEST, Bar
+from ddmpi.judge.bars import FINAL, LARGEST, UNRESOLVED, Bar
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.mesh.refine import Sizes, graded
 from ddmpi.scene.method import Target, Within
@@ -60,6 +60,10 @@ LADDER = {
 GROWTH = {2: (1.15, 1.0, 5000), 3: (1.75, 4.0 / 3.0, 1500)}
 """By dimension the powers of the number of unknowns with which the seconds of factors grow, and the memory; and of how many
 unknowns a mesh takes as long as it takes at least. All other seconds grow with the number itself."""
+
+STILL = 0.8
+"""A largest value has no limit where two steps to finer meshes leave more than this of how far it differs from those beside
+it. Those with a limit leave a sixteenth where sizes are halved twice."""
 
 UNLIMITED = 1e30
 """Unknowns of forecasts."""
@@ -483,6 +487,10 @@ class MeshLadder:
             bar = self.levels[-1].results[name]
             if bar.word in FINAL:
                 return f"{name} has no bar on finer meshes either"
+            former = [level.results[name] for level in self.levels[-3:]]
+            peaks = [each.excess for each in former if each.word == UNRESOLVED]
+            if name.endswith("_max") and len(peaks) == 3 and peaks[2] > STILL * peaks[0]:
+                return f"{name} grows with finer meshes: two of them do not bring it nearer to its neighbours"
             if allowed(target, bar.value or 0.0) >= bar.floor:
                 continue
             if abs(bar.value or 0.0) < bar.floor:

@@ -33,7 +33,7 @@ from ddmpi.judge.bars import COARSE, ENDLESS, LARGEST, UNRESOLVED, Bar
 from ddmpi.scene.reader import read_scene
 
 NORMAL, ALONG = (f"contacts.upper-lower.{what}" for what in ("normal_force", "force.x"))
-PEAK = "bodies.upper.von_mises_max"
+PEAK, PRESSURE = "bodies.upper.von_mises_max", "contacts.upper-lower.pressure_max"
 PIN = [NORMAL.replace("upper-lower", "pin-lug"), "contacts.pin-lug.pressure_max"]
 
 
@@ -341,6 +341,18 @@ def test_a_ladder_goes_on_while_there_are_words():
     assert ladder.proceed(500, 0.5, 550, bars=coarse) == 3
     assert ladder.proceed(4500, 0.24, 4900, bars={NORMAL: Bar(100.0, 30.0, "", 30.0)}) is None
     assert not ladder.missed
+
+
+@pytest.mark.parametrize(("excess", "ends"), [((4.0, 4.2, 4.4), True), ((4.0, 4.2, 2.9), False)])
+def test_a_peak_that_finer_meshes_leave_as_it_is_ends_the_ladder(excess, ends):
+    """Smooth peaks come nearer to their neighbours."""
+    ladder = ladder_of({PRESSURE: 0.01})
+    for k, one in enumerate(excess, 1):
+        assert not ladder.missed
+        ladder.proceed(
+            500 * k * k, 0.1, 550 * k * k, bars={PRESSURE: Bar(9.0, None, UNRESOLVED, 1.0, one)}
+        )
+    assert ("do not bring it nearer to its neighbours" in ladder.missed) == ends
 
 
 def test_the_bars_of_a_ladder_are_kept():

@@ -3132,6 +3132,13 @@ MUTANTS = [
             "judge/test_accuracy.py::test_an_estimate_meets_a_target_with_some_caution",
         ),
         (
+            "any peak ends a ladder",
+            "judge/accuracy",
+            "peaks[2] > STILL * peaks[0]",
+            "True",
+            f"{TARGETS}::test_a_peak_that_finer_meshes_leave_as_it_is_ends_the_ladder",
+        ),
+        (
             "half a bar takes the present mesh",
             "judge/accuracy",
             "self._climbed(levels, last.error * part ** 0.5)",
