@@ -20,7 +20,7 @@ from ddmpi.mesh.elements import CELLS, circumference, facet_measures
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, cover
 from ddmpi.surface.cut import FACING, Cover, stretch
-from ddmpi.surface.side import Side, unit
+from ddmpi.surface.side import Side, nodal, unit
 from ddmpi.system.numbers import RigidMotion, across, in_words, together
 
 LARGEST_OFFSET = 1e-2
@@ -93,7 +93,28 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
         if partly is None:
             raise
         rows = partly
-    return build(rows, contact)
+    return build(rows if first.cell.bears else by_coefficients(rows), contact)
+
+
+def by_coefficients(rows: Rows) -> Rows:
+    """Rows at all nodes of quadratic facets in space that match: of the coefficients of their Bernstein polynomials.
+
+    Displacements are Σ β_j b_j with b = λ_i² at corners and 2 λ_i λ_j at middles: β is the displacement u_i of a corner,
+    and 2 u_m − ½ (u_i + u_j) of a middle. All b have a third of a facet's area over 2 as integral, so that forces are
+    pressures times areas, unlike those of nodes, which are zero at corners.
+    """
+    side, size = rows.sides[rows.slave], len(rows.nodes)
+    edges = side.facets[rows.seen][:, side.cell.edges].reshape(-1, 3)
+    ends, middles = rows.place[edges[:, :2]], rows.place[edges[:, 2]]
+    first = np.unique(middles, return_index=True)[1]
+    ends, middles = ends[first], middles[first]
+    change = sparse.identity(size, format="lil")
+    change[middles, middles] = 2.0
+    for end in ends.T:
+        change[middles, end] = -0.5
+    change = change.tocsr()
+    one, other = (change @ transfer for transfer in rows.transfers)
+    return replace(rows, transfers=(one, other), gap=change @ rows.gap, bernstein=True)
 
 
 def faces_rigid(side: Side, rigid: Rigid) -> bool:
@@ -221,7 +242,7 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
         nodes,
         match,
         normal,
-        (first.area + second.area[match]) / 2,
+        (_lengths(first) + _lengths(second)[match]) / 2,
         gap,
         np.ones(len(first.facets), bool),
     )
@@ -261,7 +282,7 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
     # normals that cancel, at edges where one surface continues the other: the first side's counts
     normal = np.where(normal.any(axis=1, keepdims=True), normal, outward)
     gap, aside, spacing = _offset(first, second, nodes, partners, normal)
-    area = (first.lengths_over(common[0])[nodes] + second.lengths_over(common[1])[partners]) / 2
+    area = (_lengths(first, common[0])[nodes] + _lengths(second, common[1])[partners]) / 2
     fits = aside <= offset * spacing
     if not ours.size:
         # candidates must have normals that face each other, and not lie on the far sides of the bodies
@@ -284,6 +305,15 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
         return None
     rows = pairs((first, second), nodes, partners, normal, area, gap, common[0])
     return replace(rows, pointwise=not ours.size)
+
+
+def _lengths(side: Side, some: np.ndarray | None = None) -> np.ndarray:
+    """Nodal lengths (k,) over `some` facets (f,) bool or all, of `by_coefficients` on quadratic ones in space."""
+    if side.cell.bears:
+        return side.area if some is None else side.lengths_over(some)
+    some = np.ones(len(side.facets), bool) if some is None else some
+    facets = side.facets[some]
+    return nodal(np.repeat(side.lengths[some, None] / 6.0, 6, axis=1), facets, len(side.nodes))
 
 
 def _unmatched(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarray) -> bool:

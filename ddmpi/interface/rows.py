@@ -58,6 +58,7 @@ class Rows:
     lines : the nodes of the rows
     covered : the part that faces the other side, up to its outline; None for all facets that are `seen`
     points : places between the nodes, with their gaps, or None
+    bernstein : whether rows are those of `matching.by_coefficients`
     pointwise, waves : as of a `Geometry`
     """
 
@@ -77,8 +78,15 @@ class Rows:
     lines: Lines = Drawing.lines
     covered: Outlined | None = None
     points: Places | None = None
+    bernstein: bool = False
     pointwise: bool = False
     waves: bool = False
+
+    @property
+    def hats(self) -> np.ndarray:
+        """Facets, as `laplacian` takes them."""
+        side = self.sides[self.slave]
+        return side.facets[self.seen] if self.bernstein else side.pieces(self.seen)
 
     def clamped(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether clamps constrain all nodes of a row on each side (2, r) in its direction (r, d); and how far (r,) the
@@ -213,7 +221,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
             area=area,
             at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
             facets=facets,
-            laplacian=laplacian(side.xy, side.pieces(rows.seen), row, len(keep), side.axisymmetric),
+            laplacian=laplacian(side.xy, rows.hats, row, len(keep), side.axisymmetric),
             arc=arc,
             stands=side.nodes[rows.nodes[keep]],
             axisymmetric=side.axisymmetric,

@@ -9,9 +9,10 @@ functions θ_j of the rows,
 (Wohlmuth, SIAM J. Numer. Anal. 38, 2000; Popp, Wohlmuth, Gee, Wall, SIAM J. Sci. Comput. 34, 2012). As hats reproduce
 linear functions, ∫ ψ_j x = D_j x_j: the force of row j acts at its vertex, and where a facet is covered partly at the
 place that `inset` gives it. On quadratic sides ψ is smoothed, see `_smoothed`, and a vertex that clamps fix wholly
-keeps its row with ψ = φ. Bonds, which have no active set, take φ itself for ψ. A vertex whose constraint would nearly
-depend on others gets no row of its own: its function is shared among its neighbours, θ_j = ψ_j + Σ a_dj ψ_d, so that
-the θ sum to one and constant stresses are exact.
+keeps its row with ψ = φ. Bonds, which have no active set, take φ itself for ψ; where their meshes match they have rows
+at all nodes (`matching.by_coefficients`). A vertex whose constraint would nearly depend on others gets no row of its
+own: its function is shared among its neighbours, θ_j = ψ_j + Σ a_dj ψ_d, so that the θ sum to one and constant stresses
+are exact.
 """
 
 from __future__ import annotations

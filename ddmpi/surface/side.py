@@ -229,19 +229,30 @@ def laplacian(
 ) -> sparse.csr_matrix:
     """Laplacian (m, m) of the hat functions of rows on facets between nodes at `xy` (k, d), in m^(d − 3).
 
-    Facets (f, d) are straight simplices. Nodes with number j in `row` (k,) move with row j, those with −1 are fixed.
+    Facets (f, d) are straight simplices; those with middles (f, 6), in space, have Bernstein polynomials λ_i² and
+    2 λ_i λ_j in place of hats. Nodes with number j in `row` (k,) move with row j, those with −1 are fixed.
     Around an axis the integrals are weighted by `circumference`.
     """
-    along = xy[facets[:, 1:]] - xy[facets[:, :1]]
+    corners = facets[:, : xy.shape[1]]
+    along = xy[corners[:, 1:]] - xy[corners[:, :1]]
     gram, order = along @ along.transpose(0, 2, 1), along.shape[1]
     slopes = np.vstack([-np.ones(order), np.eye(order)])
     measures = (
         np.sqrt(np.linalg.det(gram))
         / factorial(order)
-        * circumference(xy[facets].mean(axis=1), axisymmetric)
+        * circumference(xy[corners].mean(axis=1), axisymmetric)
     )
     # ∫ ∇φ_i · ∇φ_j of linear functions on a simplex: slopes G⁻¹ slopesᵀ |T|, with the Gram matrix G of its edges.
     local = slopes @ np.linalg.inv(gram) @ slopes.T * measures[:, None, None]
+    if facets.shape[1] > corners.shape[1]:
+        # ∇ λ_a λ_b = λ_a ∇λ_b + λ_b ∇λ_a, and ∫ λ_a λ_c = (1 + δ_ac) |T| / 12
+        a, b = np.array([(0, 0), (1, 1), (2, 2), *cell_with(facets.shape[1], 2).edges[:, :2]]).T
+        mass, factor = (1.0 + np.eye(3)) / 12.0, np.where(a == b, 1.0, 2.0)
+        local = np.multiply.outer(factor, factor) * sum(
+            mass[np.ix_(one, other)] * local[:, left][:, :, right]
+            for one, left in ((a, b), (b, a))
+            for other, right in ((a, b), (b, a))
+        )
     one, other = np.broadcast_arrays(row[facets][:, :, None], row[facets][:, None, :])
     moves = (one >= 0) & (other >= 0)
     return sparse.csr_matrix((local[moves], (one[moves], other[moves])), (m, m))

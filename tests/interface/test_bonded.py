@@ -16,6 +16,7 @@ from boundaries import (
 )
 from test_interface import blocks
 
+import ddmpi
 from ddmpi.interface.law import BondedLaw
 from ddmpi.interface.trace import trace
 from ddmpi.methods.krylov import Linearised
@@ -111,3 +112,74 @@ def test_a_body_bonded_to_a_moving_floor_moves_as_if_clamped_to_it():
     assert not contact.gap.any()
     s = np.linalg.solve(compliance(body, B), contact.prescribed)
     assert respond(body, -B.T @ s) == pytest.approx(expected, abs=1e-10 * np.abs(expected).max())
+
+
+def beam(cells: int, parts: int) -> dict:
+    """A beam of two cubes of quadratic tetrahedra, bent and twisted; of one part, or of two that are bonded."""
+    bodies = [
+        {
+            "name": name,
+            "mesh": {
+                "shape": "box",
+                "origin": [x, 0.0, 0.0],
+                "size": [2.0 / parts, 1.0, 1.0],
+                "divisions": [2 * cells // parts, cells, cells],
+                "order": 2,
+            },
+            "material": {"young": 2e11, "poisson": 0.3},
+        }
+        for name, x in (("one", 0.0), ("other", 1.0))[:parts]
+    ]
+    bodies[0]["clamp"] = ["left"]
+    bodies[-1]["traction"] = [{"on": "right", "value": ["1e6", "2e6 * z", "-3e6 * y"]}]
+    bond = {"bodies": ["one", "other"], "on": ["right", "left"], "kind": "bonded"}
+    contacts = {"contact": [bond], "method": {"tolerance": 1e-10}} if parts > 1 else {}
+    return {"body": bodies, "output": {"figures": False}} | contacts
+
+
+@pytest.mark.parametrize("cells", [2, 3])
+def test_a_body_of_quadratic_tetrahedra_that_is_cut_by_a_bond_is_the_whole_one(cells):
+    """Matching meshes are glued at all six nodes of a facet: displacements are those of one body, to 1e-9."""
+    whole, cut = (ddmpi.solve(beam(cells, parts)) for parts in (1, 2))
+    assert cut.certified, cut.reason
+    exact = whole.bodies["one"]
+    place = {
+        tuple(at): u
+        for at, u in zip(exact.points.round(9).tolist(), exact.displacement, strict=True)
+    }
+    size = np.abs(exact.displacement).max()
+    for body in cut.bodies.values():
+        u = np.array([place[tuple(at)] for at in body.points.round(9).tolist()])
+        assert np.abs(body.displacement - u).max() <= 1e-9 * size
+    contact = cut.contacts["one-other"]
+    assert contact.interface.m == (2 * cells + 1) ** 2
+    assert contact.interface.area.sum() == pytest.approx(1.0) and contact.interface.area.min() > 0.0
+
+
+def test_a_constant_stress_goes_through_a_bond_of_quadratic_tetrahedra():
+    """Also where the larger side goes on beside it: all nodes bear the same pressure, as rows have areas."""
+    keys = {"order": 2, "shape": "box"}
+    steel = {"young": 2e11, "poisson": 0.0}
+    lower = {
+        "name": "lower",
+        "material": steel,
+        "mesh": keys | {"origin": [0, 0, 0], "size": [2, 1, 1], "divisions": [4, 2, 2]},
+        "clamp": [
+            {"on": on, axis: 0.0}
+            for on, axis in zip(("left", "front", "bottom"), "xyz", strict=True)
+        ],
+        "traction": [{"on": "top", "value": ["0", "0", "-2e6 * (x >= 1)"]}],
+    }
+    upper = {
+        "name": "upper",
+        "material": steel,
+        "mesh": keys | {"origin": [0, 0, 1], "size": [1, 1, 1], "divisions": [2, 2, 2]},
+        "traction": [{"on": "top", "pressure": 2e6}],
+    }
+    bond = {"bodies": ["lower", "upper"], "on": ["top", "bottom"], "kind": "bonded"}
+    scene = {"body": [lower, upper], "contact": [bond], "output": {"figures": False}}
+    answer = ddmpi.solve(scene)
+    assert answer.certified, answer.reason
+    contact = answer.contacts["lower-upper"]
+    assert contact.interface.m == 25
+    assert contact.pressure == pytest.approx(np.full(25, 2e6), rel=1e-6)

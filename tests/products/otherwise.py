@@ -102,7 +102,10 @@ def permuted(scene: dict) -> dict:
 
 def cut(scene: dict, kind: Kind) -> dict | None:
     """The block in two, bonded at half its height; None where sides, depth or motion keep it whole, and where springs along
-    a surface move it without strains: all forces of the bond would be rounding, and so would its certificate."""
+    a surface or heat alone move it without stress: all forces of the bond would be rounding, and so would its
+    certificate."""
+    if "temperature" in scene["body"][0] and scene["body"][0]["clamp"] == kind.guides():
+        return None
     if any("tangential" in springs for springs in scene["body"][0].get("foundation", [])):
         return None
     if scene.get("time", {}).get("motions") == "far":

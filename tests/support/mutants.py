@@ -1329,6 +1329,13 @@ MUTANTS = [
             "interface/test_profiles.py::test_friction_that_follows_a_history_dissipates_by_the_bounds_of_both_ends",
         ),
         (
+            "a bond holds the values of middles",
+            "interface/matching",
+            "change[middles, end] = -0.5",
+            "change[middles, end] = 0.0",
+            "interface/test_bonded.py::test_a_constant_stress_goes_through_a_bond_of_quadratic_tetrahedra",
+        ),
+        (
             "softness is closure per force",
             "interface/interface",
             "return (slope / self.area, offset)",
@@ -1577,8 +1584,8 @@ MUTANTS = [
         (
             "areas of the second side ignored",
             "interface/matching",
-            "(first.area + second.area[match]) / 2",
-            "first.area",
+            "(_lengths(first) + _lengths(second)[match]) / 2",
+            "_lengths(first)",
             f"{SIDES}::test_area_and_normal_are_those_of_both_sides",
         ),
         (
