@@ -35,6 +35,7 @@ MODULES = [
     "ddmpi.interface.interface",
     "ddmpi.interface.law",
     "ddmpi.interface.state",
+    "ddmpi.interface.utilisation",
     "ddmpi.mesh.build",
     "ddmpi.mesh.elements",
     "ddmpi.mesh.mesh",
