@@ -74,6 +74,7 @@ def test_a_method_of_your_own():
     assert projected > 20 * newton
 
 
+@pytest.mark.slow
 def test_a_preconditioner_of_your_own():
     """With springs products grow with the mesh, with half-spaces hardly."""
     said = run("docs/examples/springs.py")
@@ -95,6 +96,7 @@ def test_examples_run():
     run("-c", RUN, *MODULES)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("name", COLLECTIVE)
 def test_examples_have_the_same_output_on_two_ranks(comm, name, monkeypatch):

@@ -200,7 +200,10 @@ def test_data_in_other_files_are_not_handed_on(folder, elsewhere):
     assert run.code == 2 and "its data lie in other files" in run.messages[0]
 
 
-@pytest.mark.parametrize("name", ["b$x_{$", "c$\\bad$", "<b>$"])
+@pytest.mark.parametrize(
+    "name",
+    ["c$\\bad$", *(pytest.param(name, marks=pytest.mark.slow) for name in ("b$x_{$", "<b>$"))],
+)
 def test_names_are_no_formulas(tmp_path, name):
     """A picture shows them as they are, also where matplotlib would take them for formulas that it cannot read."""
     scene = pinched_blocks(1) | {"title": f"of {name} and $^$"}

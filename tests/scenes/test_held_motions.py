@@ -122,7 +122,7 @@ def test_a_gap_that_is_crossed_bears_no_moment(clearance, load, moment):
         )
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_lobes_resist_a_turn(order):
     """Three lobes of a thousandth of the radius are no facets: a moment is balanced, as with a friction of 1e-6."""
     geometry = Path(__file__).parents[2] / "scripts" / "round"
@@ -176,7 +176,9 @@ def rolling(order: int, slave: str, moment: float = 0.0) -> dict:
     return {"body": [ball, low, high], "contact": contacts}
 
 
-@pytest.mark.parametrize(("order", "slave"), [(1, "ball"), (1, ""), (2, "")])
+@pytest.mark.parametrize(
+    ("order", "slave"), [(1, "ball"), (1, ""), pytest.param(2, "", marks=pytest.mark.slow)]
+)
 def test_a_ball_turns_freely_about_three_axes(order, slave):
     """By its own normals, which are radial on linear elements, too: nothing is left along its turns."""
     answer = certified(rolling(order, slave))
