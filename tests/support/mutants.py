@@ -845,6 +845,13 @@ MUTANTS = [
             f"{TOGETHER}::test_nodes_on_the_axes_of_a_cylinder_are_held_with_the_others",
         ),
         (
+            "friction changes at the end of its step",
+            "decks/joints",
+            "course.append((end, changes.get(k, course[-1][1])))",
+            "course.append((end, changes.get(k - 1, course[-1][1])))",
+            f"{DECKS}::test_contact_laws_that_change",
+        ),
+        (
             "around an axis is the other way round",
             "decks/acting",
             "np.cross(along, np.eye(3)).T",
