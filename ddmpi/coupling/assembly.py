@@ -58,6 +58,9 @@ Drawn = tuple[Interface, list[str]]
 BothLocated = tuple[Located, Located | None]
 """The sides of a contact; None for a rigid partner."""
 
+ASIDE = 1e-2
+"""An image stands where its bond is if sides are apart by at most this fraction of the way that it is moved."""
+
 REUSED = {
     "mesh": ["mesh"],
     "stiffness": ["stiffness"],
@@ -465,7 +468,7 @@ def _join(
         ]
     )
     warnings = idle + bare + overlaps + uncovered_profile(interface, contact)
-    return _imaged(interface, contact), warnings
+    return _imaged(interface, contact, unit), warnings
 
 
 def _refuse_stresses(interface: Interface) -> None:
@@ -531,10 +534,19 @@ def _seen(second: Side, contact: SettledContact) -> Side:
     return second.placed(contact.image.frame(1.0, second.dimension)) if contact.image else second
 
 
-def _imaged(interface: Interface, contact: SettledContact) -> Interface:
-    """The interface of sides of which the second is an image, if it is one."""
-    image = contact.image
-    return interface.imaged(image.frame(1.0, interface.dimension)) if image else interface
+def _imaged(interface: Interface, contact: SettledContact, unit: str) -> Interface:
+    """The interface of sides of which the second is an image, if it is one. Raises InputError where a bond would bridge
+    the distance of an image that stands elsewhere."""
+    if not contact.image:
+        return interface
+    frame = contact.image.frame(1.0, interface.dimension)
+    one, other = interface.geometry.at
+    ways = [np.linalg.norm(other - place, axis=1).mean() for place in (one, frame.undone.at(other))]
+    if contact.two_sided and ways[0] > ASIDE * ways[1]:
+        raise _misplaced(
+            contact, f"both sides are {ways[0]:.3g} {unit} apart, and a bond holds sides that meet"
+        )
+    return interface.imaged(frame)
 
 
 def _connect_there(
@@ -546,11 +558,15 @@ def _connect_there(
     except InputError as error:
         if not contact.image:
             raise
-        said = str(error).removeprefix(f"contact.{contact.name}: ")
-        raise InputError(
-            f"contact.{contact.name}.image: {contact.bodies[1]}.{contact.on[1]}, {contact.image.words}, does not fit "
-            f"{contact.bodies[0]}.{contact.on[0]}; a turn the other way is negative ({said})"
-        ) from None
+        raise _misplaced(contact, str(error).removeprefix(f"contact.{contact.name}: ")) from None
+
+
+def _misplaced(contact: SettledContact, why: str) -> InputError:
+    """What is wrong with sides of which the second is an image."""
+    assert contact.image
+    seen = f"{contact.bodies[1]}.{contact.on[1]}, {contact.image.words}"
+    advice = ". A turn the other way is negative" * bool(contact.image.turn)
+    return InputError(f"contact.{contact.name}.image: with {seen}, {why}{advice}")
 
 
 def _check_method(share: Share, interfaces: Sequence[Interface]) -> None:

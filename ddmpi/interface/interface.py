@@ -449,11 +449,18 @@ def check_overlap(
             f"{interface.bodies[1]!r}, more than its depth of {depths[0]:.3g} {unit}: the surface or the "
             "boundary is turned the wrong way"
         )
-    if overlap > min(depths):
+    deep = overlap
+    if (
+        interface.law.two_sided and len(sides) == 2
+    ):  # bonds bridge gaps, but their sides face each other
+        one, other = interface.geometry.at
+        deep = max(deep, float(np.einsum("id,id->i", interface.normal, one - other).max()))
+    if deep > (1.0 - ALIKE) * min(depths):
+        order = "Are the two names of `on` in the order of `bodies`?"
+        ends = "Ends of a sector or of a periodic cell have an image"
         raise InputError(
-            f"contact.{interface.name}: the sides overlap by {overlap:.3g} {unit}, more than the depth "
-            f"of {thin!r} ({min(depths):.3g} {unit}): they face away from each other. Are the two names "
-            "of `on` in the order of `bodies`?"
+            f"contact.{interface.name}: the sides overlap by {deep:.3g} {unit}, and the depth of {thin!r} is "
+            f"{min(depths):.3g} {unit}: they face away from each other. {ends if interface.itself else order}"
         )
     spacing = float(np.median(interface.spacing))
     if overlap > LARGE_OVERLAP * min(depths) or overlap > MANY_ELEMENTS * spacing:

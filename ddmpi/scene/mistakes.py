@@ -332,9 +332,10 @@ def _remedy(place: Place) -> str:
 
 def _example(place: Place) -> str:
     """The end of a message with an example of a table or a pair, where one should stand; empty elsewhere."""
-    structured = (inspect.StructType, inspect.TupleType, inspect.VarTupleType)
-    compound = any(isinstance(kind, structured) for kind in place.kinds)
+    lists = inspect.TupleType, inspect.VarTupleType
     written = WRITTEN.get(place.named[-1]) if place.named else None
+    fits = lists if written and "= [" in written else (inspect.StructType, *lists)
+    compound = any(isinstance(kind, fits) for kind in place.kinds)
     if not written or not compound or isinstance(place.given, dict):
         return ""
     return f"; write {written}"

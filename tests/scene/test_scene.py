@@ -81,6 +81,15 @@ def refuses(settings: str | list[str], words: str, text: str = TEXT) -> None:
 
 PROFILE = "contact.upper-lower.friction.coefficient"
 
+
+def test_a_number_is_not_said_to_be_a_vector():
+    """The example of a value of a traction is not that of a gap."""
+    words = (
+        "contact.upper-lower.gap.value: expected a number or words in quotes or a table (got True)"
+    )
+    assert message("contact.0.gap={value=true}").endswith(words)
+
+
 # The words of types and limits are those of msgspec, by its version.
 REFUSED = [
     # unknown keys, wrong types, numbers out of range
@@ -173,7 +182,7 @@ REFUSED = [
         '"coulomb", coefficient = 0.3 }',
     ),
     ("contact.0.friction={coefficient=0.3}", "missing (one of coulomb, tresca, none)"),
-    ("contact.0.penalty=1e9", "penalty: unknown key; there is no contact stiffness to choose"),
+    ("contact.0.penalty=1e9", "penalty: unknown key; contact is hard; a soft joint has a softness"),
     (
         "body.upper.material.expansion=1e-5",
         "body.upper.material.expansion: no body has a temperature, so nothing expands",

@@ -292,11 +292,37 @@ def test_what_an_image_would_not_have_is_refused():
 
 
 def test_an_image_that_does_not_face_is_refused():
-    """The end of a sector faces the start that is turned forwards, not backwards."""
+    """The end of a sector faces the start that is turned forwards, not backwards; a bond does not bridge the gap of a
+    turn too far, nor the overlap of one too short."""
     sector = rings(1, **BOND)[0]
-    sector["contact"][0]["image"] = {"turn": -90.0}
-    words = "contact.ring-ring.image: ring.start, turned by -90 degrees, does not fit ring.end"
-    assert_refused(sector, words)
+    for turn, why in (
+        (-90.0, "the boundaries of 'ring' and 'ring'"),
+        (120.0, "both"),
+        (72.0, "both"),
+    ):
+        sector["contact"][0]["image"] = {"turn": turn}
+        words = f"contact.ring-ring.image: with ring.start, turned by {turn:g} degrees, {why} "
+        assert_refused(sector, words, ". A turn the other way is negative")
+    layer = cell(1, **BOND)
+    for shift, fits in (-2.01, True), (-2.03, False):  # by 1 % of the way
+        layer["contact"][0]["image"] = {"shift": [shift, 0.0]}
+        if fits:
+            certified(layer)
+        else:
+            assert_refused(
+                layer,
+                "contact.flank.image: with layer.right, shifted by (-2.03, 0), both sides are 0.03 m",
+            )
+
+
+def test_ends_without_an_image_are_refused():
+    """The flanks of a cell face away from each other, bonded or not."""
+    layer = cell(1)
+    del layer["contact"][0]["image"]
+    words = "they face away from each other. Ends of a sector or of a periodic cell have an image"
+    for kind in "unilateral", "bonded":
+        layer["contact"][0]["kind"] = kind
+        assert_refused(layer, words)
 
 
 def test_a_prepared_model_knows_an_image():

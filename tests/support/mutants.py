@@ -2322,6 +2322,20 @@ MUTANTS = [
             "scenes/test_sectors.py::test_what_an_image_would_not_have_is_refused",
         ),
         (
+            "bonds bridge the gap of a wrong turn",
+            "coupling/assembly",
+            "ways[0] > ASIDE * ways[1]",
+            "False",
+            "scenes/test_sectors.py::test_an_image_that_does_not_face_is_refused",
+        ),
+        (
+            "bonds hold sides that face away",
+            "interface/interface",
+            "deep = max(deep, float(",
+            "deep = max(deep, -float(",
+            "scenes/test_sectors.py::test_ends_without_an_image_are_refused",
+        ),
+        (
             "forces of all sectors point one way",
             "results/summary",
             "np.linalg.matrix_power(turned, k)",
