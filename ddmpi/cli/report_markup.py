@@ -49,6 +49,10 @@ CAPTIONS = {
     ),
     "error.png": ("Where the mesh is coarse: the estimated discretization error of each cell.",)
     * 2,
+    "errors.png": (
+        "Where the errors of results are made: the parts of each cell in their bars, over the mean.",
+    )
+    * 2,
     "accuracy.png": (
         "Error bars over values on each mesh, and what they have taken. Open circles are forecasts of half the bars, dashed "
         "lines what is asked for.",

@@ -217,3 +217,20 @@ def _kink(assembly: Assembly, answer: Answered, result: Named) -> tuple[float, f
             nodes = von_mises(nodal_stress(body.mesh, body.material, u, heat))
             return kink_of_stress(body.mesh, cells, nodes)
     return 0.0, 0.0
+
+
+def shares(assembly: Assembly, measured: Mapping[str, Measured]) -> dict[str, np.ndarray]:
+    """By body of this rank, (nt,) where the errors of results are made: |η_K| over the measure of each cell, over the mean
+    of all, and of these the mean over the results. Empty where no result has such. Collective."""
+    found = [known.cells for known in measured.values() if known.signed or known.stars]
+    measures = {body.spec.name: body.mesh.measures() for body in assembly.bodies}
+    mine = [
+        sum(float(np.abs(each).sum()) for each in values.values()) for values in (measures, *found)
+    ]
+    whole, *totals = assembly.world.allreduce(np.array(mine))
+    each = [(cells, total) for cells, total in zip(found, totals, strict=True) if total]
+    return {
+        name: sum(np.abs(cells[name]) / total for cells, total in each) * whole / len(each) / sizes
+        for name, sizes in measures.items()
+        if each
+    }

@@ -184,9 +184,25 @@ def _all_sectors(
 
 def draw_error(results: Results) -> Any:
     """The estimated discretization error of the visible cells; a figure."""
-    skin, top = skin_of(results), results.fields["error"].max() or 1.0
+    estimate = results.summary["discretization_error"]["energy_norm"]
+    title = f"estimated discretization error {estimate:.2g} of the energy norm"
+    return _draw_cells(results, "error", "estimated error, over the mean (energy norm per", title)
+
+
+def draw_shares(results: Results) -> Any:
+    """Where the errors of results are made; a figure."""
+    told = [name for name, entry in results.summary["errors"].items() if entry["bar"] is not None]
+    of = told[0] if len(told) == 1 else f"{len(results.summary['errors'])} results"
+    words = "part in the error, over the mean (per"
+    return _draw_cells(results, "error_share", words, f"where the error of {of} is made")
+
+
+def _draw_cells(results: Results, field: str, words: str, title: str) -> Any:
+    """The values of a field at the visible cells, on a logarithmic scale; `words` lack "area)" or "volume)"."""
+    skin, values = skin_of(results), results.fields[field]
+    top = values.max() or 1.0
     image = colours_of(1e-3 * top, top, "magma_r", logarithmic=True)
-    values = np.maximum(results.fields["error"][skin.cell], 1e-3 * top)[:, None].repeat(3, axis=1)
+    values = np.maximum(values[skin.cell], 1e-3 * top)[:, None].repeat(3, axis=1)
     sheet = Sheet(results, results.points)
     sheet.show(
         [
@@ -199,15 +215,8 @@ def draw_error(results: Results) -> Any:
             )
         ]
     )
-    sheet.colours(
-        image,
-        f"estimated error, over the mean (energy norm per {'volume' if sheet.view.solid else 'area'})",
-        "min",
-    )
-    sheet.figure.suptitle(
-        f"{results.heading()}estimated discretization error "
-        f"{results.summary['discretization_error']['energy_norm']:.2g} of the energy norm"
-    )
+    sheet.colours(image, f"{words} {'volume' if sheet.view.solid else 'area'})", "min")
+    sheet.figure.suptitle(f"{results.heading()}{title}")
     return sheet.figure
 
 

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.pictures.bodies import animate, draw_bodies, draw_error, draw_mechanism
+from ddmpi.pictures.bodies import animate, draw_bodies, draw_error, draw_mechanism, draw_shares
 from ddmpi.pictures.sheet import STYLE, start_drawing
 from ddmpi.results.histories import at_step, placed
 from ddmpi.results.tables import Results, read_results, reading
@@ -115,3 +115,5 @@ def pictures_of(results: Results, last: Results, mechanism: Path | None = None) 
         yield "steps.png", lambda: draw_steps(results)
     if "error" in results.fields:
         yield "error.png", lambda: draw_error(last)
+    if "error_share" in last.fields:
+        yield "errors.png", lambda: draw_shares(last)

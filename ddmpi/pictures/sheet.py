@@ -325,11 +325,14 @@ class Sheet:
 
     def colours(self, image: Any, label: str, extend: str = "neither") -> None:
         """Draw the colour bar of an image, below wide pictures."""
+        from matplotlib.colors import LogNorm
+
         wide = np.ptp(self.axes.get_xlim()) > WIDE * np.ptp(self.axes.get_ylim())
         self.figure.colorbar(
             image,
             ax=self.axes,
             label=label,
+            format="%g" if isinstance(image.norm, LogNorm) else None,
             extend=extend,
             shrink=0.85,
             aspect=40 if wide else 25,

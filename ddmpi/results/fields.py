@@ -50,6 +50,7 @@ AT_STEPS = (
     "von_mises",
     *NODAL,
     "error",
+    "error_share",
     *AT_CONTACT,
     *AT_CONTACT_IN_SPACE,
     *THAT_ADD_UP,
@@ -99,6 +100,7 @@ class Fields:
     error : (nt,) estimated discretization error, without unit
     nodal_stress : (nv, 4), in space (nv, 6), as stress, at the nodes: recovered from the cells around each
     in_frame : of a body that moves far its displacement in its frame (m); the other fields are in the axes of the world
+    error_share : (nt,) of what the errors of results are made, as of `derive.errors.shares`
     """
 
     points: np.ndarray
@@ -109,6 +111,7 @@ class Fields:
     error: np.ndarray | None = None
     nodal_stress: np.ndarray | None = None
     in_frame: np.ndarray | None = None
+    error_share: np.ndarray | None = None
 
     def placed(self, frame: Frame) -> Self:
         """The fields of a body whose frame has gone there: its displacement is that of the frame and its own."""
@@ -126,8 +129,8 @@ class Fields:
 
     def to_meshio(self) -> Any:
         """These fields as a `meshio.Mesh`: points (nv, 3), cells (nt, k); at the points displacement (nv, 3), nodal_stress,
-        nodal_principal and nodal_von_mises; of cells stress (nt, 6), principal (nt, 3), von_mises and error (nt,), as far
-        as there are such, as in result.h5."""
+        nodal_principal and nodal_von_mises; of cells stress (nt, 6), principal (nt, 3), von_mises, error and error_share
+        (nt,), as far as there are such, as in result.h5."""
         import meshio
 
         data = _datasets_of(self, 0)
@@ -266,7 +269,8 @@ def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
                 f"{where}principal": principal(sigma),
                 f"{where}von_mises": von_mises(sigma),
             }
-    return data if fields.error is None else data | {"error": fields.error}
+    of_errors = {"error": fields.error, "error_share": fields.error_share}
+    return data | {name: values for name, values in of_errors.items() if values is not None}
 
 
 def contact_fields(state: ContactState, values: np.ndarray | None = None) -> dict[str, np.ndarray]:

@@ -16,7 +16,7 @@ from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import WorkingRanks, on_working_ranks, team_of
 from ddmpi.coupling.team import Team
 from ddmpi.derive.entries import ENOUGH, Entry
-from ddmpi.derive.errors import measure_errors
+from ddmpi.derive.errors import measure_errors, shares
 from ddmpi.errors import (
     DdmpiError,
     InputError,
@@ -550,6 +550,9 @@ def _measure(
             if not scene.output.only
         }
     errors = _errors(assembly, solution, steps.run, clock)
+    with agreed(world):
+        parts = shares(assembly, errors)
+        fields = {name: replace(one, error_share=parts.get(name)) for name, one in fields.items()}
     endless = unbounded(assembly.in_world(), solution.states) if errors else set()
     summary = gather_summary(assembly, solution, error, fields, clock.started, steps)
     with agreed(world):

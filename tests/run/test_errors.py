@@ -16,6 +16,7 @@ from ddmpi.scene.reader import read_scene
 from ddmpi.scene.results import wanted_errors
 
 FORCE = "contacts.upper-lower.force.x"
+NORMAL = "contacts.upper-lower.normal_force"
 PEAK = "bodies.upper.von_mises_max"
 
 
@@ -67,6 +68,28 @@ def test_an_answer_tells_where_an_error_comes_from():
     }
     with pytest.raises(InputError, match=r"did you mean 'contacts.upper-lower.force.x'"):
         answer.error("contacts.upper-lower.force.y")
+
+
+def test_fields_have_the_parts_of_cells_in_errors(tmp_path):
+    """Over their mean, so that over the area they are it; of several results the mean. Pictures and the report show them."""
+    answers = [ddmpi.solve(asking(*which)) for which in ([FORCE], [NORMAL], [FORCE, NORMAL])]
+    parts, areas = [], []
+    for answer in answers:
+        bodies = answer.bodies.values()
+        parts.append(np.concatenate([one.error_share for one in bodies]))
+        corners = [one.points[one.cells[:, :3]] for one in bodies]
+        edges = np.concatenate([each[:, 1:] - each[:, :1] for each in corners])
+        areas.append(np.abs(np.linalg.det(edges)) / 2.0)
+    assert parts[2] == pytest.approx((parts[0] + parts[1]) / 2.0)
+    assert (parts[0] * areas[0]).sum() == pytest.approx(areas[0].sum())
+    cells = np.concatenate([*answers[0].error(FORCE).cells.values()])
+    assert parts[0] / parts[0].max() == pytest.approx(np.abs(cells) / np.abs(cells).max())
+    scene = write_scene(asking(FORCE), tmp_path / "scene.toml")
+    assert run_here(scene, tmp_path / "out").code == 0
+    assert (tmp_path / "out" / "errors.png").exists()
+    assert call("report", str(tmp_path / "out")).code == 0
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "Where the errors of results are made" in page
 
 
 def test_a_stress_of_nothing_grows_nowhere():

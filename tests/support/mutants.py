@@ -3897,6 +3897,13 @@ MUTANTS = [
             f"{BARS}::test_the_rule",
         ),
         (
+            "parts in errors of results of different sizes",
+            "derive/errors",
+            "np.abs(cells[name]) / total for",
+            "np.abs(cells[name]) for",
+            "run/test_errors.py::test_fields_have_the_parts_of_cells_in_errors",
+        ),
+        (
             "small bars of coarse meshes are not told",
             "judge/bars",
             "COARSE: wide and",
