@@ -76,6 +76,10 @@ ROUNDED = 60.0
 """Parabolas through circles are off by the gap h φ³/ROUNDED, see `ends_of_contact`. With it bars cover on all fits of
 `scripts/study errors` whose overlap is that of the meshes; with 150 they cover 75 % of the numbers of tubes."""
 
+SCATTERED = 6.0
+"""How many times as far gaps between curved quadratic sides are off at most as they differ at neighbours: their means over
+nodes hide a part. In the plane, where gaps are of arcs, circles of 12 and 15 cells are off by six times that."""
+
 FLOOR = 1e-5
 """Least bar, over the largest number of the same quantity: the certificate promises no more."""
 
@@ -269,9 +273,9 @@ def ends_of_contact(
     clamps of both bodies leave without a row, whose part clamps bear. Gaps between curved sides of quadratic elements are
     off: a parabola through three points of a circle, by the angle φ from one to the next one at the distance h, is off by
     h φ³/60 in the mean, and by up to h φ³/32; that of both sides, which need not be alike, counts as h φ³/`ROUNDED`, with
-    φ = h over the radius of curvature, but by no more than gaps at neighbours differ: in the plane they are those of arcs,
-    and sides whose nodes match are off by as much. Last the sum of the sizes of the products of nodal forces of which the
-    result is the sum.
+    φ = h over the radius of curvature, but by at most `SCATTERED` times what gaps at neighbours differ: in the plane they
+    are those of arcs, and sides whose nodes match are off by as much. Last the sum of the sizes of the products of nodal
+    forces of which the result is the sum.
 
     Parameters
     ----------
@@ -294,7 +298,7 @@ def ends_of_contact(
         m
     )  # of gaps beside each other, which see arcs at other places of their parabolas
     np.maximum.at(scatter, row, np.abs(interface.gap[row] - interface.gap[column]))
-    off = np.minimum(bent**1.5 * interface.spacing**4 / ROUNDED, scatter)
+    off = np.minimum(bent**1.5 * interface.spacing**4 / ROUNDED, SCATTERED * scatter)
     rounded = float(np.abs(by_gaps[:m]) @ off)
     left = _beside_clamps(interface, s * by_forces)
     sizes = [np.bincount(law.node, x**2, m) ** 0.5 for x in (s, by_forces)]

@@ -3927,7 +3927,7 @@ MUTANTS = [
         (
             "gaps of arcs err as those of parabolas",
             "judge/bars",
-            "/ ROUNDED, scatter)",
+            "/ ROUNDED, SCATTERED * scatter)",
             "/ ROUNDED, np.inf)",
             f"{BARS}::test_gaps_between_parabolas_scatter",
         ),
