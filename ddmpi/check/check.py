@@ -339,9 +339,10 @@ def _describe_contact(
     sides = " and ".join(".".join(side) for side in zip(contact.bodies, contact.on, strict=False))
     sides += f", {contact.image.words}" if contact.image else ""
     pairing = f"mortar, slave {interface.slave}" if interface.slave else "paired"
+    law = interface.law.name + ", a soft joint" * bool(contact.layer)
     yield (
-        f"{sides}: " * (count <= LISTED) + f"{interface.m} nodes, {pairing}, law "
-        f"{interface.law.name}; {describe_gap(interface, unit)}"
+        f"{sides}: " * (count <= LISTED)
+        + f"{interface.m} nodes, {pairing}, law {law}; {describe_gap(interface, unit)}"
     )
     if bolt := contact.pretension:
         along = in_words(np.array(bolt.along), 4)

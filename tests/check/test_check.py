@@ -218,6 +218,7 @@ def test_what_there_is_to_say(looked_at):
     scene["body"][0]["volume_force"] = [0.0, -1e4]
     scene["body"][1]["mesh"]["divisions"] = [90, 2]
     scene["body"][1]["mesh"]["size"] = [0.3, 1.0]
+    scene["contact"][0]["softness"] = 1e-12
     text = looked_at(scene)
     for words in (
         "load on top: force (0, -1.8e+08), moment -2.7e+08",
@@ -226,7 +227,7 @@ def test_what_there_is_to_say(looked_at):
         "fixed along x on left",
         "loose: it can move along y",
         "fixed along x, y on left",
-        "mortar, slave upper, law coulomb",
+        "mortar, slave upper, law coulomb, a soft joint; ",
         "body.lower.mesh: 360 of 360 triangles are thin",
         "Newton",
     ):
