@@ -20,6 +20,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from time import process_time
 from types import SimpleNamespace
+from typing import Any
 from unittest import mock
 
 import numpy as np
@@ -31,7 +32,7 @@ import problems.moving
 import problems.solids
 import problems.supports
 from error_scenes import FRESH, PROBLEMS
-from experiment import Ledger, Row, arguments, publish, table
+from experiment import Ledger, Row, arguments, publish, save_figures, table
 from mpi4py import MPI
 
 import ddmpi
@@ -272,6 +273,46 @@ def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
     }
 
 
+def drawn(rows: Sequence[Row]) -> dict[str, Callable[[], Any]]:
+    """The figure of the page: bars beside true errors, of the problems on which the rule was not made."""
+
+    def draw() -> Any:
+        import matplotlib.pyplot as plt
+
+        figure, axes = plt.subplots(figsize=(6.4, 4.4))
+        ends = np.array([1e-5, 1.0])
+        axes.fill_between(ends, 1e-6, ends, color="0.93")
+        axes.text(0.02, 1e-3, "not covered")
+        axes.plot(ends, ends, color="0.4", linewidth=1)
+        for order, colour, mark in ((1, "C1", "o"), (2, "C0", "^")):
+            some = [
+                one
+                for which in (NEW, LAST)
+                for one in told_of(compared(rows, which))
+                if one["order"] == order
+            ]
+            error, bar = ([abs(one[key]) / one["scale"] for one in some] for key in ("true", "bar"))
+            words = f"{['linear', 'quadratic'][order - 1]} elements, {len(some)} numbers"
+            axes.scatter(
+                error, bar, 12, color=colour, marker=mark, alpha=0.5, linewidths=0, label=words
+            )
+        axes.set(
+            xscale="log",
+            yscale="log",
+            xlim=ends,
+            ylim=(1e-6, 10.0),
+            xlabel="true error over the largest number of its quantity",
+            ylabel="error bar over the same number",
+            title="Error bars of results against true errors",
+        )
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter("{x:g}")
+        axes.legend(loc="lower right")
+        return figure
+
+    return {"errors": draw}
+
+
 def cost(name: str, n: int, order: int, compliance: str) -> Row:
     """The processor time of a run without errors, and what a first number and each further one take of it."""
     scene, shares = PROBLEMS[name].scene(n, order, 1), []
@@ -346,6 +387,7 @@ def main() -> None:
         pages(rows) | {"Cost": times},
         options.output,
         complete=len(chosen) == len(every),
+        draw=lambda folder: save_figures(folder, drawn(rows), dpi=120),
     )
 
 
