@@ -43,6 +43,7 @@ class Acts:
         self.axes = "xyz" if matter.family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
         self.rigid_nodes = model.rigid_nodes
+        self.ways = list[np.ndarray]()  # directions of supports by equations
         self.timed = self._is_timed()
         self.sets = {
             name: np.fromiter(model.deck.members("NSET", ("", key)), np.int64)
@@ -109,12 +110,12 @@ class Acts:
         )
         return piece.node_set(places, next(named, name))
 
-    def _way(self, piece: Piece, node: int, component: int) -> np.ndarray:
-        """(3,) the direction of a component of displacements or forces at a node."""
-        turned = self.model.transforms.get(node)
-        return (np.eye(3) if turned is None else axes(turned, piece.points[piece.place[node]]))[
-            component - 1
-        ]
+    def way(self, node: int, component: int) -> np.ndarray:
+        """(3,) the direction of a component of displacements or forces at a node; from 7 on one of `ways`."""
+        turned, home = self.model.transforms.get(node), self.home.get(node)
+        at = home.points[home.place[node]] if home else self.model.deck.points[node]
+        own = np.eye(3) if turned is None else axes(turned, at)
+        return [*own, *[own[0]] * 3, *self.ways][component - 1]
 
     def clamps(self, piece: Piece) -> list[dict[str, Any]]:
         """The supports of a body: by direction sets of nodes with one value, or a linear function of place."""
@@ -122,7 +123,7 @@ class Acts:
         zero = Counter(
             node
             for (node, component), acting in self.kinds["supports"].items()
-            if component <= len(self.axes) and not any(value for _, value in acting.course)
+            if component <= len(self.axes) and not acting.moves
         )
         corners = []
         for (node, component), acting in self.kinds["supports"].items():
@@ -130,23 +131,23 @@ class Acts:
                 continue
             place, (value, history) = piece.place[node], self.factor(acting)
             fixed = zero[node] >= len(self.axes)
-            way, sign = self._direction(piece, node, component)
+            way, sign = self._direction(node, component)
             if fixed and component <= len(self.axes):  # directions do not matter
                 at[component - 1][False, None][place] = 0.0
                 corners.append((way, place))
             elif way is not None:
                 at[way][bool(value), history][place] = value * sign
-            elif words := self._no_direction(piece, node, component, value):
+            elif words := self._no_direction(node, component, value):
                 self.notes.add("lost", acting.card, words)
         for way, place in corners:  # that faces of those beside are held as a whole
             if way in at:
                 at[way][False, None][place] = 0.0
         return self._together(piece, at)
 
-    def _direction(self, piece: Piece, node: int, component: int) -> tuple[Way | None, float]:
+    def _direction(self, node: int, component: int) -> tuple[Way | None, float]:
         """An axis, with the sense of a component along it, or a direction, which may turn with the place; None where it
         is not in the plane."""
-        way = self._way(piece, node, component)[: len(self.axes)]
+        way = self.way(node, component)[: len(self.axes)]
         if np.linalg.norm(way) < 1.0 - EXACT:
             return None, 1.0
         if node in self.model.transforms and (turning := self._turning(node, component)):
@@ -155,9 +156,9 @@ class Acts:
             return main, float(np.sign(way[main]))
         return (*way.tolist(),), 1.0
 
-    def _no_direction(self, piece: Piece, node: int, component: int, value: float) -> str:
+    def _no_direction(self, node: int, component: int, value: float) -> str:
         """What is lost of a support that has no direction in the plane; empty if nothing is."""
-        way = self._way(piece, node, component)
+        way = self.way(node, component)
         if not way.any():
             return "a direction of *TRANSFORM at a node on its axis, where it has none"
         if np.abs(way[: len(self.axes)]).max() > EXACT:
@@ -225,7 +226,7 @@ class Acts:
                     continue
                 acting, way = self.kinds["supports"][at], ()
             if (element, face) not in self.where:
-                if any(value for _, value in acting.course):
+                if acting.moves:
                     words = "a pressure on a face that is not on a boundary"
                     self.notes.add("lost", acting.card, words)
                 continue
@@ -242,7 +243,7 @@ class Acts:
         fluid = {way[0] for *_, way in self.kinds["pressures"] if len(way) == 1}
         inside = fluid | self.home.keys() | model.bolt_nodes | self.rigid_nodes
         for (node, _), acting in self.kinds["forces"].items():
-            if node not in inside and any(value for _, value in acting.course):
+            if node not in inside and acting.moves:
                 self.notes.add("lost", acting.card, "a force at a node of no body")
         for (node, _), acting in self.kinds["supports"].items():
             if node not in inside and node in model.deck.points:
@@ -281,7 +282,7 @@ class Acts:
             if self.home.get(node) is piece and node not in self.rigid_nodes and value:
                 k, way = (
                     piece.place[node],
-                    self._flat(acting.card, self._way(piece, node, component)),
+                    self._flat(acting.card, self.way(node, component)),
                 )
                 by_history[history][k] = (
                     by_history[history].get(k, 0.0) + value * way / self.matter.depth

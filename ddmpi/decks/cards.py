@@ -112,7 +112,6 @@ OF_STEPS = _words(
 """Keywords that have no meaning outside of steps."""
 
 REFUSED = {
-    "EQUATION": "equations between nodes",
     "MPC": "constraints between nodes",
     "DISTRIBUTINGCOUPLING": "couplings",
     "KINEMATICCOUPLING": "couplings",
@@ -179,6 +178,7 @@ PARAMETERS = {
         "RIGIDBODY": "NSET TIENSET REFNODE ROTNODE ELSET PINNSET ANALYTICALSURFACE",
         "COUPLING": "CONSTRAINTNAME REFNODE SURFACE",
         "DISTRIBUTING": "WEIGHTINGMETHOD COUPLING",
+        "EQUATION": "",
     }.items()
 }
 """Keywords that are read, and their parameters that are read or change no answer; any other parameter is lost."""
@@ -372,6 +372,11 @@ class Acting(NamedTuple):
     card: Card
     course: Course
     value: float = 0.0
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is ever other than zero."""
+        return any(value for _, value in self.course)
 
 
 class Rigid(NamedTuple):

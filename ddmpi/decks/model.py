@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from itertools import product
+from itertools import chain, product
 from typing import Any
 
 import numpy as np
@@ -61,6 +62,7 @@ class Model:
     heat : by node the temperatures
     heated : *TEMPERATURE and its nodes, of each data line
     start : initial temperatures by node
+    equations : by the node and component of their first term: keyword, and node, component and coefficient of all terms
     ends : times of the ends of the steps
     final : whether the model changes between the steps, so that only the state at the end is computed
     """
@@ -99,6 +101,7 @@ class Model:
         self.large = False  # whether a step has NLGEOM
         self.left_out = set[int]()  # places of the cards of steps that leave the state as it is
         self.rigid: list[Rigid] = []
+        self.equations: dict[tuple[int, int], tuple[Card, list[tuple[int, int, float]]]] = {}
         self.bolts = [card for card in deck.cards if card.word == "PRE-TENSIONSECTION"]
         self.bolt_nodes = {
             node
@@ -666,6 +669,32 @@ class Model:
             self.notes.add("lost", card, "a coupling of some components only")
 
     _on_distributing = _on_kinematic
+
+    def _on_equation(self, card: Card) -> None:
+        words = deque(chain(*card.rows))
+        while words:
+            count = integer(words.popleft())
+            terms = [[words.popleft() for _ in range(3)] for _ in range(count)]
+            self._equate(card, [(what, component(k), number(c)) for what, k, c in terms])
+
+    def _equate(self, card: Card, terms: Sequence[tuple[str, int, float]]) -> None:
+        """An equation between single nodes, or one for each node of sets of equally many."""
+        nodes = [sorted(self.deck.chosen(card, "NSET", what)) for what, *_ in terms]
+        most = max(map(len, nodes))
+        if {*map(len, nodes)} - {1, most}:
+            raise DeckError("it has sets of different sizes")
+        if lost := set().union(*nodes) - self.deck.points.keys():
+            raise DeckError(f"there is no node {min(lost) % STRIDE}")
+        if max(way for _, way, _ in terms) > 3 or not terms[0][2]:
+            raise DeckError("its nodes have the components 1 to 3 alone, and the first one counts")
+        for k in range(most):
+            one = [
+                (some[k % len(some)], *term[1:]) for some, term in zip(nodes, terms, strict=True)
+            ]
+            other, first = self.equations.setdefault(one[0][:2], (card, one))
+            if first is not one or len({term[:2] for term in one}) < len(one):
+                words = f"a component of node {one[0][0] % STRIDE} twice, also on line {other.line}"
+                raise DeckError(words)
 
     def _on_temperature(self, card: Card) -> None:
         self._renew("heat", card)

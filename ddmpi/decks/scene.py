@@ -13,6 +13,7 @@ import numpy as np
 from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, Course, DeckError, Notes, axes, called
 from ddmpi.decks.deck import Deck, refuse_lost
+from ddmpi.decks.equations import Equations
 from ddmpi.decks.joints import Joints
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
@@ -169,8 +170,9 @@ class Importer:
 
     def scene(self, title: str) -> dict[str, Any]:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
-        acts, tractions = self.acts, self.acts.loads()
-        joints, sets = Joints(acts), RigidSets(acts)
+        acts = self.acts
+        Equations(acts)
+        tractions, joints, sets = acts.loads(), Joints(acts), RigidSets(acts)
         bodies, stiffest = [], 0.0
         for piece in self.pieces:
             heat, expansions = acts.heat(piece)

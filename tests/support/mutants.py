@@ -714,7 +714,7 @@ MUTANTS = [
         (
             "a force at a node of no body is forgotten",
             "decks/acting",
-            "node not in inside and any((value for _, value in acting.course))",
+            "node not in inside and acting.moves",
             "False",
             f"{DECKS}::test_what_is_lost_of_bodies_and_what_joins_them",
         ),
@@ -2355,6 +2355,20 @@ MUTANTS = [
             "if np.intersect1d(on, against).size:",
             "if False:",
             "decks/test_import.py::test_what_is_lost_of_bodies_and_what_joins_them",
+        ),
+        (
+            "coefficients of equations do not count",
+            "decks/equations",
+            "0.0 - c / size * value",
+            "value",
+            "decks/test_equations.py::test_a_face_that_follows_a_node_is_supported",
+        ),
+        (
+            "equations of two free nodes are supports",
+            "decks/equations",
+            "if len({node for node, *_ in free}) > 1 or len(moved) > bool(free):",
+            "if len(moved) > bool(free):",
+            "decks/test_equations.py::test_other_equations_are_refused_by_line",
         ),
         (
             "a cyclic tie always turns forwards",
