@@ -107,7 +107,7 @@ def converge(
     InputError, SolverError, InterruptionError
         as `ddmpi.solve`
     """
-    target = {"method.target": {of: within}}
+    target = {"method.target": {str(of): within}}
     return solve(scene, comm, {**(overrides or {}), **target}, progress)
 
 

@@ -28,6 +28,7 @@ from ddmpi.mesh.refine import Sizes, graded
 from ddmpi.scene.method import Target, Within
 from ddmpi.scene.results import targets
 from ddmpi.scene.scene import Settled
+from ddmpi.system.numbers import with_error
 
 log = logging.getLogger("ddmpi")
 
@@ -465,7 +466,7 @@ class MeshLadder:
             if bar is None:
                 found.append(f"{name}: no bar, {word}")
             elif bar > most:
-                found.append(f"{name}: {value:.4g} ± {bar:.2g}, at most {most:.2g} is asked for")
+                found.append(f"{name}: {with_error(value, bar)}, at most {most:.2g} is asked for")
         return found
 
     def _dear(self) -> str:

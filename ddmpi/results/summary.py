@@ -22,7 +22,7 @@ from ddmpi.scene.output import units
 from ddmpi.scene.results import named
 from ddmpi.scene.time import Cycle
 from ddmpi.system.files import MECHANISM, writing
-from ddmpi.system.numbers import RigidMotion, in_words, moment, place_of_largest
+from ddmpi.system.numbers import RigidMotion, in_words, moment, place_of_largest, with_error
 
 PRECISION = 1e-8  # components of a force below this fraction of it are told as zero: rounding, and errors of iterations
 
@@ -189,11 +189,7 @@ def with_bar(
     value, bar = as_float(entry["value"]), entry["bar"]
     if bar is None:
         return f"{value:.4g} {unit}, no bar: {entry['word']}"
-    if not bar:
-        return f"{value:.6g} ± 0 {unit}"
-    last = math.floor(math.log10(bar))  # its first digit, which is rounded up
-    digits = math.floor(math.log10(abs(value))) - last + 1 if value else 1
-    return f"{value:.{min(max(digits, 1), 12)}g} ± {math.ceil(bar / 10.0**last) * 10.0**last:.1g} {unit}"
+    return f"{with_error(value, bar)} {unit}"
 
 
 def half_in_words(summary: Mapping[str, Any]) -> str:

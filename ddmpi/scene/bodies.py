@@ -519,8 +519,15 @@ class BodySpec(Table, frozen=True, kw_only=True):
             else Heat(value=self.temperature or 0.0)
         )
 
-    def settled(self, order: int, dimension: int = 2, axisymmetric: bool = False) -> SettledBody:
-        """This body with elements of `order`, in the plane, around an axis or in space."""
+    def settled(
+        self,
+        order: int,
+        dimension: int = 2,
+        axisymmetric: bool = False,
+        refined: bool = False,
+    ) -> SettledBody:
+        """This body with elements of `order`, in the plane, around an axis or in space; a file is `refined` as needed where
+        its mesh does not say otherwise."""
         mesh = self.mesh
         finest = mesh.contact_size or TOWARDS_CONTACTS * mesh.largest if mesh.drawn else None
         origin = mesh.origin or (0.0,) * dimension if mesh.shape in WITH_ORIGIN else None
@@ -530,8 +537,15 @@ class BodySpec(Table, frozen=True, kw_only=True):
             replace(material, plane=plane, **material.axes_in(place)) for material in self.materials
         ]
         around = mesh.around or (AROUND if mesh.drawn else None)
+        halvings = "as needed" if refined and mesh.file else 0
         settled_mesh = settle(
-            mesh, SettledMesh, order=order, contact_size=finest, origin=origin, around=around
+            mesh,
+            SettledMesh,
+            order=order,
+            contact_size=finest,
+            origin=origin,
+            around=around,
+            refine=halvings if mesh.refine is None else mesh.refine,
         )
         return settle(
             self,

@@ -119,8 +119,9 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     order : 1 for linear elements, 2 for quadratic ones, whose sides are curved along circles of an annulus, curves of
         a geometry, and as a second-order file has them; the same for all bodies. Left out, it follows another body
         that names it, then the preset; then it is 2 beside
-        method.target_error; then it follows the files; otherwise it is 1; see docs/use/elements.md
-    refine : number of times that the sides of a file's mesh are halved, or "as needed" for method.target_error
+        accuracy targets; then it follows the files; otherwise it is 1; see docs/use/elements.md
+    refine : number of times that the sides of a file's mesh are halved, or "as needed" for accuracy targets; left out, with
+        method.target as needed, else 0
     """
 
     shape: (
@@ -147,7 +148,7 @@ class MeshSpec(Table, frozen=True, kw_only=True):
     size_on: dict[Group, Positive] = {}
     around: Annotated[int, msgspec.Meta(ge=9, le=10_000)] | None = None
     order: Literal[1, 2] | None = None
-    refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] = 0
+    refine: Annotated[int, msgspec.Meta(ge=0, le=8)] | Literal["as needed"] | None = None
 
     def at_home(self, axisymmetric: bool) -> tuple[dict[str, tuple], tuple[float, ...]]:
         """The key with which the same shape is at the origin of coordinates, and its shift from there (m); around an axis

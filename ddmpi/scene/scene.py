@@ -88,7 +88,10 @@ class Scene(Table, frozen=True, kw_only=True):
             method=method,
             dimension=dimension,
             aimed=aimed,
-            body=[body.settled(order, dimension, self.axisymmetric) for body in bodies],
+            body=[
+                body.settled(order, dimension, self.axisymmetric, bool(method.target))
+                for body in bodies
+            ],
             rigid=[rigid.settled(dimension, rigid.name in bonded) for rigid in self.rigid],
             time=self.time.settled() if self.time else None,
             contact=[

@@ -30,7 +30,8 @@ from ddmpi.judge.accuracy import (
     weighted,
 )
 from ddmpi.judge.bars import COARSE, ENDLESS, LARGEST, UNRESOLVED, Bar
-from ddmpi.scene.reader import read_scene
+from ddmpi.results.summary import with_bar
+from ddmpi.scene.reader import read_scene, read_scene_file
 
 NORMAL, ALONG = (f"contacts.upper-lower.{what}" for what in ("normal_force", "force.x"))
 PEAK, PRESSURE = "bodies.upper.von_mises_max", "contacts.upper-lower.pressure_max"
@@ -286,6 +287,25 @@ def test_converge_is_a_run_with_one_target(tmp_path):
     missed = call("converge", str(scene), "--of", PEAK, "--output", str(tmp_path / "missed"))
     assert missed.code == 3 and (tmp_path / "missed" / "converge.json").exists()
     assert call("converge", str(scene), "--of", NORMAL, "--within", "2").code == 2
+    with pytest.raises(InputError, match="there is no result"):
+        ddmpi.converge(str(scene), of=[NORMAL])
+
+
+def test_files_become_finer_for_results():
+    """A number of halvings that the scene names stays, and a target in the energy norm alone asks for leave."""
+    of = "contacts.punch-base.normal_force"
+    answer = ddmpi.converge("configs/punch.toml", of=of, within=0.005)
+    assert answer.certified and len(answer.meshes(of)) > 1
+    both = [f"body.{k}.mesh.refine" for k in (0, 1)]
+    fixed = ddmpi.converge("configs/punch.toml", of, 0.005, overrides=dict.fromkeys(both, 0))
+    assert len(fixed.meshes(of)) == 1
+    assert (
+        'of punch and of base is given: allow finer ones by mesh.refine = "as needed"'
+        in fixed.reason
+    )
+    assert f"{of}: {with_bar(fixed.summary, of).split(' N')[0]}, at most" in fixed.reason
+    energy = read_scene_file("configs/punch.toml", ["method.target_error=0.01"])
+    assert not any(body.mesh.refinable for body in energy.body)
 
 
 # The ladder
