@@ -80,6 +80,10 @@ SCATTERED = 6.0
 """How many times as far gaps between curved quadratic sides are off at most as they differ at neighbours: their means over
 nodes hide a part. In the plane, where gaps are of arcs, circles of 12 and 15 cells are off by six times that."""
 
+BEYOND = 1.5
+"""How far the largest stress may be from that of its cell, over the distance of the recovered one: both fall short of a
+stress that is largest at a curved boundary. With 1 bars of linear elements cover 88 % of the new problems, with this 94 %."""
+
 FLOOR = 1e-5
 """Least bar, over the largest number of the same quantity: the certificate promises no more."""
 
@@ -401,7 +405,7 @@ def sums_of(result: Named, known: Measured, value: float) -> tuple[float, float,
     """What of a bar has the factor of the order, how large that is at least, and what is added."""
     jumps = result.what in RESULTANTS and known.delta > JUMP
     ends = known.moved + known.rubbed + known.left + known.rounded + 2.0 * abs(known.straight)
-    peaks = (known.peak + known.area) * abs(value)
+    peaks = (BEYOND * known.peak + known.area) * abs(value)
     return abs(known.signed) + known.stars, SHARE * known.schwarz * jumps, ends + peaks
 
 

@@ -159,13 +159,14 @@ def in_words(point: np.ndarray, digits: int = 6) -> str:
 
 
 def with_error(value: float, bar: float) -> str:
-    """A value and the half width of its interval: "3.51e+04 ± 4e+02", "161.9 ± 1.3". The bar is rounded up, to its first
+    """A value and the half width of its interval: "3.51e+04 ± 4e+02", "162.0 ± 1.3". The bar is rounded up, to its first
     digit, or to two where that is 1."""
     if not bar:
         return f"{value:.6g} ± 0"
     last = math.floor(math.log10(bar / 2.0))
     digits = math.floor(math.log10(abs(value))) - last + 1 if value else 1
-    return f"{value:.{min(max(digits, 1), 12)}g} ± {math.ceil(bar / 10.0**last) * 10.0**last:.2g}"
+    told = f"{value:#.{min(max(digits, 1), 12)}g}".replace(".e", "e").rstrip(".")
+    return f"{told} ± {math.ceil(bar / 10.0**last) * 10.0**last:.2g}"
 
 
 def place_of_largest(values: np.ndarray, places: np.ndarray) -> np.ndarray | None:

@@ -3995,6 +3995,13 @@ MUTANTS = [
             f"{ERRORS}::test_a_value_is_told_to_the_digits_of_its_bar",
         ),
         (
+            "stresses are largest where they are recovered",
+            "judge/bars",
+            "BEYOND * known.peak",
+            "known.peak",
+            f"{BARS}::test_the_bar_of_a_largest_stress_covers_a_closed_form",
+        ),
+        (
             "a bar is rounded down",
             "system/numbers",
             "math.ceil(bar / 10.0 ** last)",
