@@ -11,8 +11,8 @@ from ddmpi.results.summary import quantity_of
 from ddmpi.results.tables import Results
 from ddmpi.scene.results import with_letters
 
-MOST = 8
-"""Most results in the picture, those with the largest bars over their values."""
+MOST = 7
+"""Most results in the picture, those with targets and with the largest bars over their values."""
 
 
 def has_levels(summary: dict) -> bool:
@@ -26,7 +26,9 @@ def draw_levels(results: Results) -> Any:
     summary = results.summary
     levels, errors = summary["discretization_error"]["levels"], summary["errors"]
     told = {name: entry for name, entry in errors.items() if entry["bar"] and entry["value"]}
-    names = sorted(told, key=lambda name: -told[name]["bar"] / abs(told[name]["value"]))[:MOST]
+    asked = {with_letters(result) for result in summary["scene"]["method"].get("target", {})}
+    sizes = {name: entry["bar"] / abs(entry["value"]) for name, entry in told.items()}
+    names = sorted(told, key=lambda name: (name not in asked, -sizes[name]))[:MOST]
     seconds = np.cumsum([level["seconds"] for level in levels])
     alone = len(errors) == 1
     figure, rows = plt.subplots(

@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
 from mpi4py import MPI
 from scenes import (
     assert_refused,
@@ -30,7 +31,9 @@ from ddmpi.judge.accuracy import (
     weighted,
 )
 from ddmpi.judge.bars import COARSE, ENDLESS, LARGEST, UNRESOLVED, Bar
+from ddmpi.pictures.levels import draw_levels
 from ddmpi.results.summary import with_bar
+from ddmpi.results.tables import read_results
 from ddmpi.scene.reader import read_scene, read_scene_file
 
 NORMAL, ALONG = (f"contacts.upper-lower.{what}" for what in ("normal_force", "force.x"))
@@ -306,6 +309,19 @@ def test_files_become_finer_for_results():
     assert f"{of}: {with_bar(fixed.summary, of).split(' N')[0]}, at most" in fixed.reason
     energy = read_scene_file("configs/punch.toml", ["method.target_error=0.01"])
     assert not any(body.mesh.refinable for body in energy.body)
+
+
+def test_the_picture_of_many_results_has_those_with_targets(tmp_path):
+    """Of all main results those with the largest bars over their values, each with a colour of its own."""
+    across = "contacts.upper-lower.force.y"
+    scene = aiming({NORMAL: 0.5, across.replace("y", "1"): 0.5})
+    scene["output"] = {"errors": "main"}
+    path, out = write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out"
+    assert call("run", str(path), "--output", str(out), "--no-figures").code == 0
+    lines = draw_levels(read_results(out)).axes[0].get_lines()
+    labels = {line.get_label(): line.get_color() for line in lines if line.get_label()[0] != "_"}
+    assert {"energy norm", NORMAL, across} < {*labels}
+    assert len({to_rgb(colour) for colour in labels.values()}) == len(labels) > 5
 
 
 # The ladder

@@ -4002,6 +4002,13 @@ MUTANTS = [
             f"{BARS}::test_the_bar_of_a_largest_stress_covers_a_closed_form",
         ),
         (
+            "pictures have the largest bars alone",
+            "pictures/levels",
+            "(name not in asked, -sizes[name])",
+            "-sizes[name]",
+            f"{TARGETS}::test_the_picture_of_many_results_has_those_with_targets",
+        ),
+        (
             "a bar is rounded down",
             "system/numbers",
             "math.ceil(bar / 10.0 ** last)",
