@@ -160,13 +160,15 @@ def in_words(point: np.ndarray, digits: int = 6) -> str:
 
 def with_error(value: float, bar: float) -> str:
     """A value and the half width of its interval: "3.51e+04 ± 4e+02", "162.0 ± 1.3". The bar is rounded up, to its first
-    digit, or to two where that is 1."""
+    digit, or to two where that is 1, and the value to the same place."""
     if not bar:
         return f"{value:.6g} ± 0"
     last = math.floor(math.log10(bar / 2.0))
+    up, places = math.ceil(bar / 10.0**last) * 10.0**last, max(-last, 0)
+    if 1e-3 <= max(abs(value), up) < 1e4:
+        return f"{round(value, -last) + 0.0:.{places}f} ± {up:.{places}f}"
     digits = math.floor(math.log10(abs(value))) - last + 1 if value else 1
-    told = f"{value:#.{min(max(digits, 1), 12)}g}".replace(".e", "e").rstrip(".")
-    return f"{told} ± {math.ceil(bar / 10.0**last) * 10.0**last:.2g}"
+    return f"{value:.{min(max(digits, 1), 12)}g} ± {up:.2g}"
 
 
 def place_of_largest(values: np.ndarray, places: np.ndarray) -> np.ndarray | None:
