@@ -461,8 +461,9 @@ class MeshLadder:
                 f"estimated discretization error {level.error:.2g}, at most {self.goal:.2g} is asked for"
             )
         for name, target in self.targets.items():
-            value, bar, word, *_ = level.results[name]
-            most = allowed(target, value or 0.0)
+            told, bar, word, *_ = level.results[name]
+            value = told or 0.0
+            most = allowed(target, value)
             if bar is None:
                 found.append(f"{name}: no bar, {word}")
             elif bar > most:
