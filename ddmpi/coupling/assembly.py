@@ -39,7 +39,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import Sizes
 from ddmpi.petsc.options import conditions
 from ddmpi.scene.bodies import Material, SettledBody
-from ddmpi.scene.contacts import PAIR, NoFriction, SettledContact
+from ddmpi.scene.contacts import PAIR, Coulomb, Friction, SettledContact, Tresca
 from ddmpi.scene.motions import frames_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import Located, Side
@@ -423,8 +423,8 @@ def _join(
     second = second and _seen(second, contact)
     if other is None or second is None:
         (rigid,) = (rigid for rigid in scene.rigid if rigid.name == contact.bodies[1])
-        make, partner = partial(face_rigid, first, rigid, contact), Mover(rigid)
-        interface = kept.get("pair", contact.name, (first, rigid, _bare(contact)), make)
+        depends, partner = (first, rigid, _bare(contact)), Mover(rigid)
+        interface = kept.get("pair", contact.name, depends, partial(face_rigid, *depends))
     else:
         if any(body.mesh.drawn for body in specs):
             refinement = 1  # its nodes match by their number alone
@@ -489,10 +489,11 @@ def _there(sides: BothLocated) -> BothSides:
     return first.there, second.there if second else None
 
 
-def _bare(contact: SettledContact) -> tuple[SettledContact, bool]:
-    """What rows depend on: on friction only by whether there is any."""
-    bare = msgspec.structs.replace(contact, friction=NoFriction(), softness=None)
-    return bare, isinstance(contact.friction, NoFriction)
+def _bare(contact: SettledContact) -> SettledContact:
+    """What rows depend on: of friction the law, and not where its numbers are those of a place; of softness nothing."""
+    laws: dict[type, Friction] = {Coulomb: Coulomb(coefficient=0.0), Tresca: Tresca(slip_bound=0.0)}
+    friction = laws.get(type(contact.friction), contact.friction)
+    return msgspec.structs.replace(contact, friction=friction, softness=None)
 
 
 def _connected(
@@ -502,7 +503,7 @@ def _connected(
     names, and as far from the origin as the first body's home. Not collective. Raises InputError."""
     slave = dict(zip(contact.roles, PAIR, strict=True)).get(contact.slave or "")
     bodies = ("", "") if contact.itself else PAIR
-    alike = msgspec.structs.replace(contact, name="", bodies=bodies, slave=slave)
+    alike = _bare(msgspec.structs.replace(contact, name="", bodies=bodies, slave=slave))
     # a gap that varies is that of the place, and so is an image
     anywhere = contact.opening[0] is None or isinstance(contact.opening[0], float)
     anywhere &= not contact.image
@@ -513,7 +514,7 @@ def _connected(
         first, second = map(Side.shifted, (one.side, other.side), shifts, PAIR)
         return connect(first, _seen(second, contact), alike, refinement)
 
-    depends = (one.key, other.key, shifts, refinement, _bare(alike))
+    depends = (one.key, other.key, shifts, refinement, alike)
     try:
         found = kept.get("pair", contact.name, depends, make)
     except InputError:

@@ -204,3 +204,34 @@ def test_friction_that_follows_a_history_dissipates_by_the_bounds_of_both_ends(l
     assert law == "tresca" or energy["dissipated"] == pytest.approx(
         energy["interface_work"], rel=2e-2
     )
+
+
+@pytest.mark.parametrize("law", ["tresca", "coulomb"])
+def test_friction_is_that_of_the_place_where_bodies_are(law):
+    """Blocks that are drawn elsewhere have friction there, also where the formula is no number around the origin."""
+    key, size = ("slip_bound", 1e5) if law == "tresca" else ("coefficient", 0.3)
+
+    def forces(start: float, formula: str) -> np.ndarray:
+        bodies = [
+            {
+                "name": name,
+                "mesh": {
+                    "shape": "rectangle",
+                    "origin": [start, low],
+                    "size": [2.0, 1.0],
+                    "divisions": [4, 2],
+                },
+                "material": {"young": 1e9, "poisson": 0.3},
+            }
+            for name, low in (("upper", 0.0), ("lower", -1.0))
+        ]
+        bodies[0] |= {"clamp": [{"on": "top", "x": 1e-3, "y": -1e-3}]}
+        bodies[1] |= {"clamp": ["bottom"]}
+        contact = {"bodies": ["upper", "lower"], "on": ["bottom", "top"]}
+        contact |= {"friction": {"law": law, key: formula}}
+        answer = ddmpi.solve({"body": bodies, "contact": [contact]})
+        assert answer.certified and answer.contacts["upper-lower"].count("slip")
+        return answer.contacts["upper-lower"].forces
+
+    here, there = forces(0.0, f"{size} * log(2 + x)"), forces(5.0, f"{size} * log(x - 3)")
+    assert there == pytest.approx(here, rel=1e-7, abs=1e-7 * np.abs(here).max())

@@ -2198,15 +2198,15 @@ MUTANTS = [
         (
             "rows are kept for another gap",
             "coupling/assembly",
-            "replace(contact, friction=NoFriction(), softness=None)",
-            "replace(contact, friction=NoFriction(), softness=None, gap=None)",
+            "refinement, alike)",
+            "refinement, msgspec.structs.replace(alike, gap=None))",
             f"{CHANGED}[held]",
         ),
         (
             "rows are kept without friction",
             "coupling/assembly",
-            "bare, isinstance(contact.friction, NoFriction)",
-            "bare, False",
+            "refinement, alike)",
+            "refinement, msgspec.structs.replace(alike, friction=Coulomb(coefficient=0.0)))",
             f"{CHANGED}[held]",
         ),
         (
@@ -2320,6 +2320,13 @@ MUTANTS = [
             "off.max() > SAME * np.abs(here).max()",
             "False",
             "scenes/test_sectors.py::test_what_an_image_would_not_have_is_refused",
+        ),
+        (
+            "friction is asked for where bodies are not",
+            "coupling/assembly",
+            "laws.get(type(contact.friction), contact.friction)",
+            "contact.friction",
+            "interface/test_profiles.py::test_friction_is_that_of_the_place_where_bodies_are",
         ),
         (
             "bonds bridge the gap of a wrong turn",
@@ -2472,7 +2479,7 @@ MUTANTS = [
         (
             "rows are kept for another contact",
             "coupling/assembly",
-            "refinement, _bare(alike))",
+            "refinement, alike)",
             "refinement)",
             f"{CHANGED}[held]",
         ),
