@@ -58,8 +58,9 @@ Drawn = tuple[Interface, list[str]]
 BothLocated = tuple[Located, Located | None]
 """The sides of a contact; None for a rigid partner."""
 
-ASIDE = 1e-2
-"""An image stands where its bond is if sides are apart by at most this fraction of the way that it is moved."""
+ASIDE = 3e-2
+"""An image stands where its bond is if sides are apart by at most this fraction of the way that it is moved: two chords of
+an arc that do not match three are by 2 %, a wheel of n sectors that is taken for one of n + 1 by 1/n."""
 
 REUSED = {
     "mesh": ["mesh"],

@@ -304,14 +304,14 @@ def test_an_image_that_does_not_face_is_refused():
         words = f"contact.ring-ring.image: with ring.start, turned by {turn:g} degrees, {why} "
         assert_refused(sector, words, ". A turn the other way is negative")
     layer = cell(1, **BOND)
-    for shift, fits in (-2.01, True), (-2.03, False):  # by 1 % of the way
+    for shift, fits in (-2.05, True), (-2.07, False):  # by 3 % of the way
         layer["contact"][0]["image"] = {"shift": [shift, 0.0]}
         if fits:
             certified(layer)
         else:
             assert_refused(
                 layer,
-                "contact.flank.image: with layer.right, shifted by (-2.03, 0), both sides are 0.03 m",
+                "contact.flank.image: with layer.right, shifted by (-2.07, 0), both sides are 0.07 m",
             )
 
 
