@@ -365,7 +365,8 @@ class MeshLadder:
         if len(levels) > 1 and not self._all_drawn:
             return (self._climbed(levels, last.error * part**0.5) / last.refinement) ** d
         if not self._all_drawn:
-            return part ** (-d / RATES[order])
+            finer = max(part ** (-1.0 / RATES[order]), 2.0)  # the next whole number at least
+            return finer**d
         if len(levels) > 1:
             return part ** (-0.5 * d / order)
         share, square, cells = self._alone[result]

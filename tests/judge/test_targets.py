@@ -206,6 +206,7 @@ def test_half_a_bar_takes_what_a_ladder_would():
     assert slow["unknowns"] > price["unknowns"]
     first = seen((1, 8.0)).price(NORMAL, 0.5)
     assert 2.0 < first["unknowns"] / 500 < 9.0
+    assert seen((1, 8.0)).price(NORMAL, 0.99)["unknowns"] == 2000  # of twice the divisions
     assert seen((1, 1e-4)).price(NORMAL, 0.5)["unknowns"] == first["unknowns"]
 
 

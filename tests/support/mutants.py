@@ -4016,6 +4016,13 @@ MUTANTS = [
             f"{TARGETS}::test_the_picture_of_many_results_has_those_with_targets",
         ),
         (
+            "shapes take less than twice their divisions",
+            "judge/accuracy",
+            "max(part ** (-1.0 / RATES[order]), 2.0)",
+            "part ** (-1.0 / RATES[order])",
+            f"{TARGETS}::test_the_price_follows_the_rate_that_was_seen",
+        ),
+        (
             "a bar is rounded down",
             "system/numbers",
             "math.ceil(bar / 10.0 ** last)",
