@@ -64,7 +64,7 @@ unknowns a mesh takes as long as it takes at least. All other seconds grow with 
 
 STILL = 0.8
 """A largest value has no limit where two steps to finer meshes leave more than this of how far it differs from those beside
-it. Those with a limit leave a sixteenth where sizes are halved twice."""
+it, and no mesh helps where they leave more of its bar. Those with a limit leave a sixteenth where sizes are halved twice."""
 
 UNLIMITED = 1e30
 """Unknowns of forecasts."""
@@ -494,12 +494,23 @@ class MeshLadder:
             peaks = [each.excess for each in former if each.word == UNRESOLVED]
             if name.endswith("_max") and len(peaks) == 3 and peaks[2] > STILL * peaks[0]:
                 return f"{name} grows with finer meshes: two of them do not bring it nearer to its neighbours"
-            if allowed(target, bar.value or 0.0) >= bar.floor:
+            most = allowed(target, bar.value or 0.0)
+            if not self._all_drawn and self._stays(former, most):
+                return f"the bar of {name} stays as it is on finer meshes, as where straight sides of files have corners"
+            if most >= bar.floor:
                 continue
             if abs(bar.value or 0.0) < bar.floor:
                 return f"{name} is zero but for rounding; ask for {{ within = … }} in its unit"
             return f"the bar of {name} is at least {bar.floor:.2g} on any mesh"
         return ""
+
+    def _stays(self, former: Sequence[Bar], most: float) -> bool:
+        """Whether the bar of a result is above `most`, and on the last three meshes of shapes and files as it was where
+        divisions grow fourfold."""
+        *before, last = [bar.rough for bar in former]
+        finer = self.levels[-1].refinement >= 4 * self.levels[-len(former)].refinement
+        missed = (former[-1].bar or 0.0) > most
+        return missed and finer and len(before) == 2 and last > STILL * max(before)
 
     def draw(self, geometries: Mapping[str, tuple[Mesh, np.ndarray]]) -> None:
         """Find the sizes of the next meshes of this rank's geometries from their meshes and squared errors."""

@@ -210,6 +210,23 @@ def test_half_a_bar_takes_what_a_ladder_would():
     assert seen((1, 1e-4)).price(NORMAL, 0.5)["unknowns"] == first["unknowns"]
 
 
+@pytest.mark.parametrize(
+    ("bars", "ends"),
+    [
+        ([(1, 2.0), (2, 8.0), (8, 7.0)], True),
+        ([(1, 2.0), (2, 8.0), (8, 6.0)], False),
+        ([(1, 8.0), (2, 8.0), (3, 7.0)], False),
+        ([(1, 8.0), (8, 7.0)], False),
+    ],
+)
+def test_a_bar_that_stays_ends_the_ladder(bars, ends):
+    ladder = seen(*bars[:-1])
+    refinement, last = bars[-1]
+    ladder.refinement, n = refinement, round(500 * refinement**2)
+    ladder.proceed(n, 0.1, n, bars={NORMAL: Bar(100.0, last, "", last)})
+    assert ("stays as it is on finer meshes, as where straight sides" in ladder.missed) == ends
+
+
 def test_there_is_no_price_of_what_no_mesh_has():
     ladder = seen((1, 8.0))
     bars = {

@@ -4023,6 +4023,13 @@ MUTANTS = [
             f"{TARGETS}::test_the_price_follows_the_rate_that_was_seen",
         ),
         (
+            "a bar that is as at first stays",
+            "judge/accuracy",
+            "STILL * max(before)",
+            "STILL * before[0]",
+            f"{TARGETS}::test_a_bar_that_stays_ends_the_ladder",
+        ),
+        (
             "a bar is rounded down",
             "system/numbers",
             "math.ceil(bar / 10.0 ** last)",
