@@ -543,3 +543,29 @@ def pedestal(n: int, order: int, off: int) -> dict:
         ],
         "contact": [contact("block", "base", "bottom", "top", **joint)],
     }
+
+
+REDUCED = "-reduced"
+"""Ends names of problems with the reduced rule in elements of order 2, and without modes in those of order 1."""
+
+BRICKS = (
+    *("boxes", "bonded", "cantilever", "heated", "wedge", "hub", "punch", "tongue", "rings"),
+    *("slider", "bearing", "tubes", "bolt", "cushion", "solids", "stack", "pedestal"),
+    *(name + REDUCED for name in ("cantilever", "wedge", "tubes", "solids")),
+)
+"""Problems of bricks."""
+
+
+def of_bricks(name: str) -> Problem:
+    """A problem whose bodies are meshed with quadrilaterals or hexahedra."""
+    own = (PROBLEMS | FRESH)[name.removesuffix(REDUCED)]
+
+    def scene(n: int, order: int, off: int) -> dict:
+        made, rule = own.scene(n, order, off), {}
+        if name.endswith(REDUCED):
+            rule = {"integration": "reduced" if order == 2 else "full"}
+        for each in made["body"]:
+            each["mesh"] |= {"elements": "bricks"} | rule
+        return made
+
+    return own._replace(scene=scene)

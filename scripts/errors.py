@@ -31,7 +31,7 @@ import problems.flat
 import problems.moving
 import problems.solids
 import problems.supports
-from error_scenes import FRESH, PROBLEMS
+from error_scenes import BRICKS, FRESH, PROBLEMS, REDUCED, Problem, of_bricks
 from experiment import Ledger, Row, arguments, publish, save_figures, table
 from mpi4py import MPI
 
@@ -46,7 +46,7 @@ from ddmpi.run.answer import Answer
 from ddmpi.scene.results import ERRORS, POINT, named, results
 from ddmpi.system import clock
 
-MADE, NEW, LAST = "rule", "new", "fresh"
+MADE, NEW, LAST, WHOLE = "rule", "new", "fresh", "bricks"
 KNOWN = 2.0
 """A truth is known if it differs from the value by more than this times what the finest answer may be wrong by."""
 
@@ -79,7 +79,12 @@ KINDS = {
 
 def made(name: str) -> Iterator[tuple[str, Callable[[], Answer | None]]]:
     """The answers of a problem of error_scenes.py by their meshes; the truth is last."""
-    scene, meshes, _ = (PROBLEMS | FRESH)[name]
+    yield from answers((PROBLEMS | FRESH)[name])
+
+
+def answers(problem: Problem) -> Iterator[tuple[str, Callable[[], Answer | None]]]:
+    """The answers of a problem by its meshes."""
+    scene, meshes, _ = problem
     for mesh in meshes:
         yield (
             " ".join(map(str, mesh)),
@@ -102,7 +107,19 @@ def new(name: str) -> Iterator[tuple[str, Callable[[], Answer | None]]]:
         yield f"{n} {order} 0", lambda n=n, order=order: solve(n, order)
 
 
-STUDIED = {MADE: (made, PROBLEMS), NEW: (new, problems.PROBLEMS), LAST: (made, FRESH)}
+def whole(name: str) -> Iterator[tuple[str, Callable[[], Answer | None]]]:
+    """The answers of a problem of bricks by their meshes; the truth, of triangles or tetrahedra, is last."""
+    *_, truth = made(name.removesuffix(REDUCED))
+    yield from [*answers(of_bricks(name))][:-1]
+    yield truth
+
+
+STUDIED = {
+    MADE: (made, PROBLEMS),
+    NEW: (new, problems.PROBLEMS),
+    LAST: (made, FRESH),
+    WHOLE: (whole, BRICKS),
+}
 
 
 def numbers_of(answer: Answer | None, only: Sequence[str]) -> list[dict]:
@@ -233,7 +250,12 @@ def by_others(numbers: Sequence[dict]) -> tuple[list[float], list[dict[int, floa
 def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
     """The tables of the page."""
     sets = {which: compared(rows, which) for which in STUDIED}
-    titles = {MADE: "problems of the rule", NEW: "new problems", LAST: "fresh problems"}
+    titles = {
+        MADE: "problems of the rule",
+        NEW: "new problems",
+        LAST: "fresh problems",
+        WHOLE: "bricks",
+    }
     ratios, factors = by_others(sets[MADE])
     overview = [line(titles[which], sets[which]) for which in STUDIED]
     overview.insert(1, line("the same, by factors of the others", sets[MADE], ratios))
@@ -253,8 +275,10 @@ def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
         if (some := [one for one in sets[which] if one["kind"] == kind and one["order"] == order])
     ]
     single = [
-        line(name, [one for one in numbers if one["problem"] == name])
-        for numbers in sets.values()
+        line(
+            name + ", bricks" * (which == WHOLE), [one for one in numbers if one["problem"] == name]
+        )
+        for which, numbers in sets.items()
         for name in dict.fromkeys(one["problem"] for one in numbers)
     ]
     words = Counter(
@@ -343,7 +367,12 @@ def cost(name: str, n: int, order: int, compliance: str) -> Row:
 def main() -> None:
     parser = arguments(__doc__, "errors")
     every = [f"{which} {name}" for which, (_, names) in STUDIED.items() for name in names]
-    parser.add_argument("--only", nargs="+", metavar="NAME", help="of the problems, such as boxes")
+    parser.add_argument(
+        "--only",
+        nargs="+",
+        metavar="NAME",
+        help="of the problems, such as boxes, or sets, such as bricks",
+    )
     parser.add_argument("--missed", action="store_true", help="print the bars that do not cover")
     parser.add_argument("--cost", action="store_true", help="time the errors alone")
     options = parser.parse_args()
@@ -355,7 +384,7 @@ def main() -> None:
     if options.cost:
         print("\n".join(times))
         return
-    chosen = [one for one in every if not options.only or one.split()[1] in options.only]
+    chosen = [one for one in every if not options.only or {*one.split()} & {*options.only}]
     ledger = Ledger(
         MPI.COMM_WORLD, options.output / "errors.csv", ("problem", "mesh"), ("numbers",)
     )
