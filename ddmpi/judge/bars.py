@@ -469,12 +469,15 @@ def _straight_sides(mesh: Mesh) -> Straight:
     turned = corner_normals(mesh.points, flat)[corners] - normal[:, None]
     turns = (turned * arms).sum(axis=2) * smooth[corners]
     # a corner leaves the turn at its facet's other ends to count for it
-    turn = d * turns.sum(axis=1) / np.maximum(smooth[corners].sum(axis=1), 1)
+    c, own = corners.shape[1], mesh.cell.facet.shape.factors[0]
+    turn = c * turns.sum(axis=1) / np.maximum(smooth[corners].sum(axis=1), 1)
     turn[curved_facets(mesh.points[facets])] = 0.0
     measures = facet_measures(mesh.points[facets], mesh.axisymmetric)
     bent = np.zeros(len(mesh.points))
     np.maximum.at(bent, corners, (2.0 / (d - 1) * turn**2 / (arms**2).sum(axis=(1, 2)))[:, None])
-    return Straight(measures * turn / (2.0 * (d + 1)), bent, _rims(mesh, bends))
+    # the mean of |x|² over a facet is 1/(c (f + 2)) of its sum over the c corners, where its factors are of dimension f
+    out = 0.5 * turn * (own + 1) / (own + 2) / c
+    return Straight(measures * out, bent, _rims(mesh, bends))
 
 
 def _rims(mesh: Mesh, bends: Creases) -> np.ndarray:

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import scipy.sparse as sparse
+from bricks import grid
 from scenes import COULOMB
 
 import ddmpi
@@ -270,6 +271,15 @@ def test_straight_sides_leave_out_the_area_of_circles(thick):
     assert left == pytest.approx(thick * (area - mesh.measures().sum()), rel=0.02)
     curved = build_mesh(read_scene("ring", {"body": [ring(order=2)]}).body[0])
     assert not straight_sides(curved, np.ones(len(curved.triangles))).volume.any()
+
+
+def test_straight_sides_of_bricks_leave_out_the_volume_of_tubes():
+    """Of quadrilaterals along a quarter of a tube, whose polygon lacks a part of its volume inside and outside."""
+    mesh = grid((2, 12, 3))
+    r, t = 0.5 + 0.5 * mesh.points[:, 0], np.pi / 2 * mesh.points[:, 1]
+    mesh.points[:, :2] = np.stack([r * np.cos(t), r * np.sin(t)], axis=1)
+    left = straight_sides(mesh, np.ones(len(mesh.triangles))).volume.sum()
+    assert left == pytest.approx(np.pi / 4 * 0.75 - mesh.measures().sum(), rel=0.01)
 
 
 def test_straight_sides_around_an_axis_leave_out_rings():

@@ -3871,9 +3871,16 @@ MUTANTS = [
         (
             "what straight sides leave out has the wrong factor",
             "judge/bars",
-            "measures * turn / (2.0 * (d + 1))",
-            "measures * turn / (2.0 * d)",
+            "out = 0.5 * turn * (own + 1) / (own + 2) / c",
+            "out = 0.5 * turn / c",
             f"{BARS}::test_straight_sides_leave_out_the_area_of_circles",
+        ),
+        (
+            "quadrilaterals turn at three of their corners",
+            "judge/bars",
+            "turn = c * turns.sum(axis=1)",
+            "turn = d * turns.sum(axis=1)",
+            f"{BARS}::test_straight_sides_of_bricks_leave_out_the_volume_of_tubes",
         ),
         (
             "a reaction does not take its own loads",
