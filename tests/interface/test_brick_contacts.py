@@ -139,3 +139,29 @@ def test_a_place_in_a_quadrilateral_is_found():
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     place = np.einsum("qc,qcd->qd", hats, corners) + 0.1 * normal
     assert bilinear(place, corners, normal) == pytest.approx(hats, abs=1e-12)
+
+
+@pytest.mark.parametrize("integration", ["modes", "full"])
+def test_a_brick_body_cut_by_a_bond_is_the_uncut_one(integration):
+    """Of order 1: a bent and twisted bar of trapezoids, of one mesh and of two that match."""
+    u, force = [], [{"on": "top", "value": [1e6, 2e6, -3e6]}]
+    for parts in ([3], [1, 2]):
+        scene, low = {"body": [], "contact": []}, 0
+        for number in parts:
+            body = block(f"b{low}", low, [3, 3, 3 * number], 1, "bricks")
+            for corner in body["mesh"]["corners"][4:]:
+                corner[2] = low + number
+            body["mesh"] |= {"integration": integration}
+            ends = {"clamp": ["bottom"] if low == 0 else []}
+            scene["body"].append(body | ends | {"traction": force if low + number == 3 else []})
+            low += number
+        if len(parts) == 2:
+            bond = {"bodies": ["b1", "b0"], "on": ["bottom", "top"], "kind": "bonded"}
+            scene["contact"] = [bond]
+        answer = ddmpi.solve(scene, MPI.COMM_SELF, overrides={"method.tolerance": 1e-12})
+        assert answer.certified
+        found = {}
+        for body in answer.bodies.values():
+            found |= zip(map(tuple, body.points.round(9)), body.displacement, strict=True)
+        u.append(np.array([found[at] for at in sorted(found)]))
+    assert u[1] == pytest.approx(u[0], abs=1e-9 * np.abs(u[0]).max())
