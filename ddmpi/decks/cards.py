@@ -112,7 +112,6 @@ OF_STEPS = _words(
 """Keywords that have no meaning outside of steps."""
 
 REFUSED = {
-    "MPC": "constraints between nodes",
     "DISTRIBUTINGCOUPLING": "couplings",
     "KINEMATICCOUPLING": "couplings",
     "SUBMODEL": "displacements of another model",
@@ -179,6 +178,7 @@ PARAMETERS = {
         "COUPLING": "CONSTRAINTNAME REFNODE SURFACE",
         "DISTRIBUTING": "WEIGHTINGMETHOD COUPLING",
         "EQUATION": "",
+        "MPC": "",
     }.items()
 }
 """Keywords that are read, and their parameters that are read or change no answer; any other parameter is lost."""
@@ -381,13 +381,15 @@ class Acting(NamedTuple):
 
 class Rigid(NamedTuple):
     """A rigid set of nodes, or one over which forces are `spread`: keyword, nodes, and the reference nodes whose
-    displacements are the shift of the set and its turn; one with six components may be both."""
+    displacements are the shift of the set and its turn; one with six components may be both. With `only` the set moves as
+    one along this axis alone, the normal of its flat face."""
 
     card: Card
     nodes: set[int]
     ref: int
     turn: int
     spread: bool = False
+    only: int | None = None
 
 
 class Notes:

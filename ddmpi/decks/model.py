@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections import deque
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, product
 from typing import Any
@@ -189,6 +189,10 @@ class Model:
         return nodes.pop()
 
     def _read(self) -> None:
+        for card in self.deck.cards:
+            if card.word == "MPC":  # before the loads on its nodes of rotations
+                with card.reading():
+                    self._constrain(card)
         steps = [(step, self._way(step)) for step in self._steps()]
         static = [k for k, (_, way) in enumerate(steps) if way.word == "STATIC"]
         if not static:
@@ -695,6 +699,19 @@ class Model:
             if first is not one or len({term[:2] for term in one}) < len(one):
                 words = f"a component of node {one[0][0] % STRIDE} twice, also on line {other.line}"
                 raise DeckError(words)
+
+    def _constrain(self, card: Card) -> None:
+        beams = defaultdict[int, set[int]](set)
+        for kind, what, *others in card.rows:
+            if kind.upper() in ("TIE", "PIN"):
+                for k in (1, 2, 3):
+                    self._equate(card, [(what, k, 1.0), (others[0], k, -1.0)])
+            elif kind.upper() == "BEAM":
+                beams[self.node(card, others[0])] |= self.deck.chosen(card, "NSET", what)
+            else:
+                self.notes.add("lost", card, f"{kind.upper()}: of these BEAM, PIN and TIE are read")
+        self.rigid += [Rigid(card, nodes, ref, ref) for ref, nodes in beams.items()]
+        self._refs |= beams.keys()
 
     def _on_temperature(self, card: Card) -> None:
         self._renew("heat", card)

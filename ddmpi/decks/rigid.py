@@ -149,7 +149,9 @@ class RigidSets:
             self.notes.add("changed", rigid.card, words)
         loads = np.where(given, 0.0, loads)
         name = own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps])
-        partner: dict[str, Any] = {"name": name} | self._surface(faces)
+        partner: dict[str, Any] = {"name": name} | self._surface(faces, rigid.only)
+        guided = {"kind": "guided", "gap": 0.0}
+        law = {"kind": "bonded"} if rigid.only is None else guided
         partner["displacement"] = held[:d].tolist()
         axes = zip(self.acts.axes, given, loads, strict=False)
         partner["free"] = [axis for axis, one, load in axes if not one and not load]
@@ -162,17 +164,21 @@ class RigidSets:
         self.partners.append({key: value for key, value in partner.items() if value != []} | more)
         for piece, facets in faces:
             on = [piece.group(facets, "rigid")]
-            self.bonds.append({"bodies": [piece.name, name], "on": on, "kind": "bonded"})
+            self.bonds.append({"bodies": [piece.name, name], "on": on} | law)
         return ""
 
-    def _surface(self, faces: Sequence[Face]) -> dict[str, Any]:
+    def _surface(self, faces: Sequence[Face], only: int | None) -> dict[str, Any]:
         """The surface of a rigid partner: of one flat face in space its plane, which pictures show; else none, as of two
         faces, also parallel ones of one body, of which a plane would meet one alone."""
         (piece, facets), *others = faces
         normal, places = piece.outward(facets), piece.facets[facets]
         points = piece.points[places[places >= 0]]
         off = np.abs((points - points[0]) @ normal).max()
-        if others or len(normal) < 3 or off > EXACT * np.ptp(points, axis=0).max():
+        if (
+            others
+            or (len(normal) < 3 and only is None)
+            or off > EXACT * np.ptp(points, axis=0).max()
+        ):
             return {"shape": "node"}
         return {"shape": "plane", "point": points[0].tolist(), "normal": (-normal).tolist()}
 
@@ -243,7 +249,11 @@ def _crossing(first: Rigid, nodes: set[int], other: Rigid) -> str:
     line = f"line {other.card.line}"
     if {first.ref, first.turn} & {other.ref, other.turn}:
         return f"its node of rotations is also that of {line}"
-    if not first.spread and not other.spread and not nodes.isdisjoint(other.nodes):
+    if (
+        first.only == other.only
+        and not first.spread | other.spread
+        and not nodes.isdisjoint(other.nodes)
+    ):
         return f"some of its nodes are in the set of {line}, which has another reference node"
     if {other.ref, other.turn} & nodes or {first.ref, first.turn} & other.nodes:
         return f"the reference node of one set is in the other: this one and that of {line}"

@@ -170,8 +170,7 @@ class Importer:
 
     def scene(self, title: str) -> dict[str, Any]:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
-        acts = self.acts
-        Equations(acts)
+        acts, equations = self.acts, Equations(self.acts)
         tractions, joints, sets = acts.loads(), Joints(acts), RigidSets(acts)
         bodies, stiffest = [], 0.0
         for piece in self.pieces:
@@ -202,7 +201,7 @@ class Importer:
             "axisymmetric": self.family == "CAX" or None,
             "body": [*map(_filled, bodies)],
             "rigid": sets.partners,
-            "contact": _with_names([*contacts, *sets.bonds, *joints.bolts()]),
+            "contact": _with_names([*contacts, *sets.bonds, *equations.bonds, *joints.bolts()]),
             "history": {name: _history(course) for course, name in acts.histories.items()},
         }
         if acts.timed:
