@@ -378,9 +378,11 @@ def main() -> None:
     options = parser.parse_args()
     logging.getLogger("ddmpi").setLevel(logging.ERROR)
     key, others = ("scene", "n", "order", "compliance"), ("run", "first", "further", "numbers")
-    costs = Ledger(MPI.COMM_WORLD, options.output / "errors_cost.csv", key, others)
-    keys = [(*each, kind) for each in COSTS for kind in ("explicit", "iterative")]
-    times = table([*key, *others], (row.values() for row in costs.fill(keys, cost)))
+    times = []
+    if options.cost or not options.only:
+        costs = Ledger(MPI.COMM_WORLD, options.output / "errors_cost.csv", key, others)
+        keys = [(*each, kind) for each in COSTS for kind in ("explicit", "iterative")]
+        times = table([*key, *others], (row.values() for row in costs.fill(keys, cost)))
     if options.cost:
         print("\n".join(times))
         return
@@ -413,7 +415,7 @@ def main() -> None:
                 print(f"{ratio(one):.2f} {which} {one['problem']} {one['result']} {told}")
     publish(
         "errors.md",
-        pages(rows) | {"Cost": times},
+        pages(rows) | ({"Cost": times} if times else {}),
         options.output,
         complete=len(chosen) == len(every),
         draw=lambda folder: save_figures(folder, drawn(rows), dpi=120),

@@ -233,7 +233,7 @@ def laplacian(
     2 λ_i λ_j in place of hats. Nodes with number j in `row` (k,) move with row j, those with −1 are fixed.
     Around an axis the integrals are weighted by `circumference`.
     """
-    corners = facets[:, : xy.shape[1]]
+    corners = facets[:, :3]
     along = xy[corners[:, 1:]] - xy[corners[:, :1]]
     gram, order = along @ along.transpose(0, 2, 1), along.shape[1]
     slopes = np.vstack([-np.ones(order), np.eye(order)])

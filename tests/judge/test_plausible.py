@@ -92,7 +92,10 @@ def contradicting_history() -> dict:
     [
         (
             turned_backs,
-            ("contact.upper-lower", "overlap by 2 m,", "'upper' (1 m)", "order of `bodies`"),
+            (
+                "contact.upper-lower: the sides overlap by 2 m, and the depth of 'upper' is 1 m",
+                "order of `bodies`",
+            ),
         ),
         (
             clamped_twice,

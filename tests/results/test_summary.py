@@ -78,6 +78,8 @@ def test_every_entry_is_documented():
         "floor": {"displacement": [0.0, 0.0], "force": [1.0, 2.0], "turn": 0.0, "moment": 0.0}
     }
     summary["contacts"]["left-middle"]["pretension"] = {"force": 1.0, "offset": 0.0}
+    summary["contacts"]["left-middle"]["image"] = {"turn": 60.0, "sectors": 6}
+    summary["whole"] = {"sectors": 6, "bodies": {}, "contacts": {}}
     assert set(entries(summary)) == set(SUMMARY) >= set(ROWS)
 
 

@@ -60,8 +60,8 @@ def above_a_floor(dimension: int) -> dict:
 def test_open_nodes_that_a_law_holds_resist(dimension, monkeypatch):
     """What only the friction of open nodes holds is not said to slide without any force; a warning names the law."""
 
-    def cohesive(friction, xy, arc, area, sliding, kind="unilateral", live=True):
-        law = law_of(friction, xy, arc, area, sliding, kind, live)
+    def cohesive(friction, xy, arc, area, sliding, *more):
+        law = law_of(friction, xy, arc, area, sliding, *more)
         return CohesiveLaw(
             law.m,
             law.sliding,

@@ -57,7 +57,7 @@ STUDIES = {
         "--only rail",
         ("| problems of the rule | ", "## Factors", "| rail | ", "| the mesh is too coarse | "),
         1,
-        0,
+        1,
     ),
     "verification": (
         "--coarse --only cgs-1 rings",
