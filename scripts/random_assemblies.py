@@ -84,6 +84,7 @@ def main() -> None:
     parser.add_argument(
         "--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas"
     )
+    parser.add_argument("--bricks", action="store_true", help="mesh with fully integrated bricks")
     parser.add_argument("--ranks", type=int, help="left out, 1 to 4 by seed")
     parser.add_argument(
         "--tolerance",
@@ -102,6 +103,9 @@ def main() -> None:
             options.ranks or 1 + seed % 7 % 4,
             time.perf_counter(),
         )
+        for body in scene["body"] if options.bricks else ():
+            if "divisions" in body["mesh"]:
+                body["mesh"] |= {"elements": "bricks", "integration": "full"}
         with tempfile.TemporaryDirectory() as scratch:
             folder = options.keep / str(seed) if options.keep else Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)

@@ -6,12 +6,18 @@ from petsc4py import PETSc
 from scipy.sparse.linalg import spsolve
 from skfem import (
     Basis,
+    ElementHex1,
+    ElementHexS2,
+    ElementQuad1,
+    ElementQuadS2,
     ElementTetP1,
     ElementTetP2,
     ElementTriP1,
     ElementTriP2,
     ElementVector,
     FacetBasis,
+    MeshHex,
+    MeshQuad,
     MeshTet,
     MeshTri,
     asm,
@@ -23,6 +29,14 @@ from ddmpi.body.elasticity import assemble
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Material
 
+KINDS = {
+    (3, 2): (MeshTri, (ElementTriP1, ElementTriP2), slice(None)),
+    (4, 2): (MeshQuad, (ElementQuad1, ElementQuadS2), slice(None)),
+    (4, 3): (MeshTet, (ElementTetP1, ElementTetP2), slice(None)),
+    (8, 3): (MeshHex, (ElementHex1, ElementHexS2), [0, 4, 3, 1, 7, 5, 2, 6]),
+}
+"""Meshes, elements by order, and our corners in skfem's order, by corners and dimension."""
+
 
 def basis_of(
     mesh: Mesh, intorder: int = 4, on: np.ndarray | None = None
@@ -32,16 +46,13 @@ def basis_of(
     It is that of the cells, or of the facets `on` with corners (·, d).
     """
     d, size = mesh.dimension, mesh.corners.max() + 1  # the corners are the first nodes
-    meshes, elements = (
-        (MeshTri, MeshTet),
-        ((ElementTriP1, ElementTriP2), (ElementTetP1, ElementTetP2)),
-    )
-    other = meshes[d - 2](mesh.points[:size].T.copy(), mesh.corners.T.copy())
-    element = ElementVector(elements[d - 2][mesh.order - 1]())
+    kind, elements, order = KINDS[mesh.corners.shape[1], d]
+    other = kind(mesh.points[:size].T.copy(), mesh.corners[:, order].T.copy())
+    element = ElementVector(elements[mesh.order - 1]())
     if on is None:
         basis = Basis(other, element, intorder=intorder)
     else:
-        own = {frozenset(facet) for facet in on[:, :d].tolist()}
+        own = {frozenset(facet) for facet in on[:, : len(other.facets)].tolist()}
         facets = [k for k, facet in enumerate(other.facets.T.tolist()) if frozenset(facet) in own]
         basis = FacetBasis(other, element, facets=np.array(facets), intorder=intorder)
     nodes = {"nodal_dofs": np.arange(size)}

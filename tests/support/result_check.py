@@ -230,7 +230,7 @@ def _residual(
         (each["on"], factor(scene, each.get("history")) * np.array(each["value"]))
         for each in body.get("traction", [])
     ]
-    facets = boundary_facets(mesh.triangles)[0]
+    facets = boundary_facets(mesh.triangles, d)[0]
     for group, value in acting:
         form = LinearForm(lambda v, w, value=value: sum(q * v[k] for k, q in enumerate(value)))
         part = None if group is None else facets[on[group][facets].all(axis=1)]
