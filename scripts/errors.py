@@ -263,7 +263,7 @@ def pages(rows: Sequence[Row]) -> dict[str, list[str]]:
         [
             order,
             FACTORS[order],
-            *(f"{end([fit[order] for fit in factors]):.2f}" for end in (min, max)),
+            *(f"{end((fit[order] for fit in factors), default=np.nan):.2f}" for end in (min, max)),
         ]
         for order in (1, 2)
     ]

@@ -56,7 +56,7 @@ STUDIES = {
     "errors": (
         "--only rail",
         ("| problems of the rule | ", "## Factors", "| rail | ", "| the mesh is too coarse | "),
-        2,
+        1,
         1,
     ),
     "verification": (
