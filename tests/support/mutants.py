@@ -4069,7 +4069,7 @@ MUTANTS = [
             "judge/accuracy",
             "max(part ** (-1.0 / RATES[order]), 2.0)",
             "part ** (-1.0 / RATES[order])",
-            f"{TARGETS}::test_the_price_follows_the_rate_that_was_seen",
+            f"{TARGETS}::test_half_a_bar_takes_what_a_ladder_would",
         ),
         (
             "a bar that is as at first stays",
