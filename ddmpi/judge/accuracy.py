@@ -249,10 +249,10 @@ def next_refinement(
 
 
 def price_in_words(price: Mapping[str, float]) -> str:
-    """What meshes for a result take: "about 91,000 unknowns, 6.1 processor seconds and 1.2 GB"."""
+    """What meshes for a result take: "about 91,000 unknowns, 6.1 s of processor time and 1.2 GB"."""
     n, seconds, gigabytes = price["unknowns"], price["seconds"], price["bytes"] / 1e9
     digits = max(0, len(str(round(n))) - 2)
-    return f"about {round(n, -digits):,} unknowns, {seconds:.2g} processor seconds and {gigabytes:.2g} GB"
+    return f"about {round(n, -digits):,} unknowns, {seconds:.2g} s of processor time and {gigabytes:.2g} GB"
 
 
 class MeshLadder:

@@ -274,7 +274,7 @@ def test_a_run_says_what_half_its_bars_take(tmp_path):
     errors = json.loads((tmp_path / "out" / "summary.json").read_text())["errors"]
     halves = {name: entry["half"] for name, entry in errors.items()}
     assert f"half of the bar of {NORMAL}, the dearest one, takes about" in done.stdout
-    assert "processor seconds and" in done.stdout
+    assert "s of processor time and" in done.stdout
     assert call("report", str(tmp_path / "out")).code == 0
     assert price_in_words(halves[ALONG]) in (tmp_path / "out" / "report.html").read_text()
     for name, half in halves.items():
