@@ -207,6 +207,8 @@ def _find(scene: str, settings: Sequence[str], load: str) -> tuple[str, Any]:
         return f"history.{load}.factors", looked_up(data, f"history.{load}.factors", "--load ")
     value, parts = looked_up(data, load, "--load "), load.split(".")
     named = isinstance(value, str) and parts[-1] in ("on", "history")
+    # a clamp without a displacement is the name of a group
+    named |= parts[2:3] == ["clamp"] and len(parts) < 5 and not isinstance(value, dict)
     if named or len(parts) < 3 or parts[2] not in LOADED or scaled(value, 2.0) == value:
         raise InputError(
             f"--load {load}: is neither a history nor a load with numbers that a factor multiplies, such as "

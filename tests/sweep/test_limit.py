@@ -124,10 +124,14 @@ def test_the_limit_is_the_same_on_two_ranks(comm, tmp_path):
         ("body.block.traction.0.on", "is neither a history nor a load with numbers that a factor"),
         ("contact.0.friction.coefficient", "is neither a history nor a load with numbers"),
         ("body.block.material", "is neither a history nor a load with numbers"),
+        ("body.block.clamp", "is neither a history nor a load with numbers"),
+        ("body.block.clamp.0", "is neither a history nor a load with numbers"),
     ],
 )
 def test_what_is_no_load_is_refused(tmp_path, load, words):
-    path = str(write_scene(on_floor([1e4, 0.0], 0.3), tmp_path / "scene.toml"))
+    scene = on_floor([1e4, 0.0], 0.3)
+    scene["body"][0]["clamp"] = ["right"]
+    path = str(write_scene(scene, tmp_path / "scene.toml"))
     with pytest.raises(InputError) as refused:
         find_limit(MPI.COMM_SELF, path, [], load, str(tmp_path / "out"))
     assert words in str(refused.value)
