@@ -362,8 +362,9 @@ def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str
         sharp = np.where(mirror, 2.0 * bends.turn - np.pi, bends.turn) > SHARPEST
         sharp &= touching[bends.nodes].all(axis=1)
         finite = {tuple(place) for each in by_body[name] for place in each.finite}
-        known = [tuple(point) in finite for point in mesh.points]
-        sharp &= ~np.array(known)[bends.nodes].all(axis=1)
+        known, ends = np.zeros(len(mesh.points), bool), np.unique(bends.nodes[sharp])
+        known[ends] = [tuple(place) in finite for place in mesh.points[ends]]
+        sharp &= ~known[bends.nodes].all(axis=1)
         found[f"bodies.{name}.von_mises_max"] = bool(
             sharp.any()
             or (bends.turn < -SHARPEST).any()
