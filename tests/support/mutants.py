@@ -4272,7 +4272,7 @@ MUTANTS = [
         (
             "flush bonds of like bodies have corners",
             "judge/edges",
-            "sharp &= ~np.array(known)[bends.nodes].all(axis=1)",
+            "sharp &= ~known[bends.nodes].all(axis=1)",
             "pass",
             "judge/test_edges.py::test_a_bar_that_a_contact_cuts_has_no_corner_there",
         ),
