@@ -2,26 +2,20 @@
 
 import json
 import re
-import shutil
-import subprocess
 import zlib
 from base64 import b64decode
-from html import unescape
 
 import made_up
 import numpy as np
 import pytest
+from browser import in_browser, opened
 from made_up_solids import stacked
-from scenes import LIMIT, call, pinched_blocks, rectangle, run_here, write_scene
+from scenes import call, pinched_blocks, rectangle, run_here, write_scene
 
 from ddmpi.errors import InputError
 from ddmpi.pictures.browser import _page, write_view
 from ddmpi.pictures.moved import magnify
 from ddmpi.results.tables import read_results
-
-CHROMIUM = (
-    shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-)
 
 
 def unpacked(path) -> tuple[dict, dict[str, np.ndarray]]:
@@ -184,41 +178,15 @@ def test_a_run_writes_the_view_and_its_report_has_it(tmp_path):
     assert "Drag to move, wheel to zoom." in page and "Drag to turn" not in page
 
 
-def opened(folder, changes) -> dict[str, dict[str, str]]:
-    """What the view in `folder` draws in headless Chromium as it is, and after each of `changes` of a control."""
-    page = write_view(folder).read_text(encoding="utf-8")
-    script = """<script>const waiting = setInterval(() => {
-      if (!document.body.dataset.sum) return;
-      clearInterval(waiting);
-      const found = {as_it_was: {...document.body.dataset, folded: !document.querySelector("details").open}};
-      for (const [name, value] of CHANGES) {
-        const one = document.querySelector(`[name=${name}]`);
-        one.value = value; one.dispatchEvent(new Event("input", {bubbles: true}));
-        found[`${name} ${value}`] = {...document.body.dataset};
-      }
-      document.title = JSON.stringify(found);
-    }, 100);</script>""".replace("CHANGES", json.dumps(changes))
-    (folder / "moved.html").write_text(
-        page.replace("</body>", script + "</body>"), encoding="utf-8"
-    )
-    dom = subprocess.run(
-        [
-            CHROMIUM,
-            "--headless=new",
-            "--no-sandbox",
-            "--enable-unsafe-swiftshader",
-            "--use-angle=swiftshader",
-            f"--user-data-dir={folder / 'profile'}",
-            "--window-size=500,400",
-            "--virtual-time-budget=60000",
-            "--dump-dom",
-            f"file://{folder}/moved.html#look",
-        ],
-        capture_output=True,
-        text=True,
-        timeout=LIMIT,
-    )
-    found = json.loads(unescape(re.search("<title>(.*?)</title>", dom.stdout)[1]))
+def drawn(folder, changes) -> dict[str, dict[str, str]]:
+    """What the view in `folder` draws as it is, and after each of `changes` of a control."""
+    with opened(write_view(folder), "#look", 500, 400) as page:
+        page.wait("document.body.dataset.sum")
+        found = {"as_it_was": page.tell("({...document.body.dataset})")}
+        found["as_it_was"]["folded"] = page.tell("!document.querySelector('details').open")
+        for name, value in changes:
+            page.set(name, value)
+            found[f"{name} {value}"] = page.tell("({...document.body.dataset})")
     assert all(
         int(each["colours"]) > 8 and int(each["pixels"]) > 2000 for each in found.values()
     ), found
@@ -227,11 +195,11 @@ def opened(folder, changes) -> dict[str, dict[str, str]]:
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open views with")
+@in_browser
 def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
     """In headless Chromium: bodies in many colours; another picture at the other load step, cut open, and apart."""
     stacked(tmp_path, times=(1.0, 2.0))
-    found = opened(tmp_path, [("step", 0), ("axis", "x"), ("apart", 1), ("field", "pressure")])
+    found = drawn(tmp_path, [("step", 0), ("axis", "x"), ("apart", 1), ("field", "pressure")])
     # In a window of 500 pixels the controls would hide the bodies.
     assert found["as_it_was"]["folded"]
     assert found["step 0"]["step"] == "0" and found["field pressure"]["field"] == "pressure"
@@ -239,14 +207,31 @@ def test_a_browser_draws_the_view_and_its_slider_moves(tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(not CHROMIUM, reason="no Chromium to open views with")
+@in_browser
+def test_a_view_turns_as_it_is_dragged_and_tells_its_largest_value(tmp_path):
+    """A drag of 100 pixels turns it by 40 degrees; the mark moves with its place, and its words are those of the results."""
+    results = stacked(tmp_path)
+    with opened(write_view(tmp_path), "#look") as page:
+        sum_before, azimuth = page.wait("document.body.dataset.sum"), page.tell("state.azimuth")
+        words = page.tell("document.querySelector('#mark').textContent")
+        place = page.tell("document.querySelector('#mark').style.left")
+        page.pointer((300, 300), (350, 300), (400, 300))
+        assert page.tell("state.azimuth") == pytest.approx(azimuth - 40.0)
+        assert page.tell("document.body.dataset.sum") != sum_before
+        assert page.tell("document.querySelector('#mark').style.left") != place
+    largest = results.fields["von_mises"].max() / 1e6
+    assert words.startswith(f"max {float(f'{largest:.3g}'):g} MPa at ("), words
+
+
+@pytest.mark.slow
+@in_browser
 def test_axisymmetric_bodies_turn_around_their_axis(tmp_path):
     """Three quarters of a turn (two sections, 54 strips along the outlines), a half, a whole turn, and none."""
     made_up.results(tmp_path)
     summary = json.loads((tmp_path / "summary.json").read_text(encoding="utf-8"))
     summary["scene"]["axisymmetric"] = True
     (tmp_path / "summary.json").write_text(json.dumps(summary), encoding="utf-8")
-    found = opened(tmp_path, [("turn", 180), ("turn", 360), ("turn", 0)])
+    found = drawn(tmp_path, [("turn", 180), ("turn", 360), ("turn", 0)])
     head, arrays = unpacked(tmp_path / "view.html")
     points, section, strip = (
         arrays["points"].reshape(-1, 3),
