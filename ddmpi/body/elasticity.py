@@ -77,6 +77,11 @@ class LoadCase:
         )
 
     @property
+    def confined(self) -> float:
+        """The energy (J) that heat and prescribed displacements would store where nothing else gave way."""
+        return 0.5 * (self.stored**2 + float(np.abs(self.taken * self.prescribed).sum()))
+
+    @property
     def heated(self) -> np.ndarray | None:
         """`warm`, or None without a difference of temperature."""
         return self.warm if self.warm.any() else None

@@ -92,7 +92,7 @@ class StepLog:
     kept : of steps whose fields are written time, forces (size,), motions, and `leg_values` of the rank's contacts
     doubts : warnings of answers at the ends of legs before the last one, the first of each kind
     run, change, cycle : cycles begun; change of forces over the last, see `Cycle.until`; the present one, 0 outside
-    most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,)
+    most : the largest so far: residuals of contacts (nc, 4) and bodies (nb,), `Solution.sizes` (3,), `Solution.confined` (1,)
     derived : the derivatives at the end of the last leg, of results and of arrays, as of
         `ddmpi.derive.entries.entries_of`; and by key why there is none
     places : of bodies that move far, where they are at the end of each step, by time
@@ -104,7 +104,8 @@ class StepLog:
         self.steps, self.energies, self.iterations, self.kept = (list[Any]() for _ in range(4))
         self.run, self.change = 0, math.nan
         self.cycle: int | None = None
-        self.most = {"contacts": np.zeros(1), "bodies": np.zeros(1), "sizes": np.zeros(3)}
+        numbers = {"contacts": 1, "bodies": 1, "sizes": 3, "confined": 1}
+        self.most = {name: np.zeros(number) for name, number in numbers.items()}
 
     def judge(self, certificate: Certificate) -> Certificate:
         """Note the residuals of a step; the largest ones so far."""
@@ -124,7 +125,7 @@ class StepLog:
     def note_step(self, time: float, solution: Solution) -> None:
         """Note the end of a step: its iterations and sizes, resultants, and where rigid partners are."""
         self.note_iterations(solution)
-        self._raise(sizes=solution.sizes)
+        self._raise(sizes=solution.sizes, confined=[solution.confined])
         self.note_contacts(time, len(solution.outer.history), solution.contacts)
 
     def note_iterations(self, solution: Solution) -> None:
@@ -198,7 +199,8 @@ class StepLog:
         # interference, closing gaps and errors of time stepping
         rows = np.array(self.energies or np.zeros((1, 6)))
         _, external, strain, interface, dissipated, _ = rows[-1].tolist()
-        size = float(np.abs(rows[:, 1:4]).max())
+        # what heats and moves freely stores rounding of what it would store if it were held
+        size = float(max(np.abs(rows[:, 1:4]).max(), self.most["confined"][0]))
         return {
             "external_work": external,
             "strain_energy": strain,

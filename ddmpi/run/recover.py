@@ -64,6 +64,7 @@ def displaced(
             "made": member.stiffness * farthest,
             "load": member.elasticity.load,
             "energy": energy,
+            "confined": member.elasticity.acting.confined,
             "work": member.work(u, s),
         }
     return displacements, traces, sizes, beside
@@ -105,6 +106,7 @@ def at_contacts(
             "made": member.stiffness * farthest,
             "load": member.load,
             "energy": energy,
+            "confined": 0.0,  # of the ends of legs
             "work": work,
         }
     return {}, traces, sizes, beside
@@ -195,7 +197,7 @@ def driven_partners(assembly: Assembly, outer: Outer) -> dict[str, dict[str, flo
         contact = float(np.sqrt(assembly.space.add(np.array([sum(squares)]))[0]))
         acting = max(norm(joint.e[at]), norm(joint.e[at] - unbalanced[at]), contact)
         sizes[f"frame of {name}" if name in held else name] = dict.fromkeys(
-            ("yielding", "made", "energy", "work"), 0.0
+            ("yielding", "made", "energy", "confined", "work"), 0.0
         ) | {
             "left": norm(unbalanced[at]),
             "acting": acting,

@@ -86,6 +86,7 @@ class Solution:
     prescribed : (size,) the share of rigid partners in it, driven ones as well (m)
     held : motions that nothing determines
     energy : strain energy of all bodies (J)
+    confined : `LoadCase.confined` of all bodies, zero of lean solutions (J)
     sizes : (3,) largest nodal contact force (N), displacement, and displacement by contact forces (m)
     work : (2, cases) of all bodies, as `Member.work`, by history in the order of the scene
     time : of the load step, where there are several
@@ -106,6 +107,7 @@ class Solution:
     prescribed: np.ndarray = field(default_factory=lambda: np.empty(0))
     held: Sequence[HeldMotion] = ()
     energy: float = 0.0
+    confined: float = 0.0
     sizes: np.ndarray = field(default_factory=lambda: np.zeros(3))
     work: np.ndarray = field(default_factory=lambda: np.empty((2, 0)))
     time: float | None = None
@@ -459,9 +461,10 @@ class Iteration:
         both = assembly.exchange.collect(traces, "answer")
         beside = assembly.exchange.swap_objects(motions)
         bodies = gathered(world, sizes) | driven_partners(assembly, outer)
-        sums = [sum(size[key] for size in bodies.values()) for key in ("load", "energy", "work")]
+        summed = ("load", "energy", "confined", "work")
+        sums = [sum(size[key] for size in bodies.values()) for key in summed]
         now = [max(size[key] for size in bodies.values()) for key in ("moved", "yielding")]
-        (load, energy, work), now = world.bcast((sums, now))
+        (load, energy, confined, work), now = world.bcast((sums, now))
 
         mismatch, interfaces = self._mismatch(), joint.placed(outer.motions)
         shares = [interface.prescribed for interface in interfaces]
@@ -490,6 +493,7 @@ class Iteration:
             moved=both[0] + both[1] + prescribed,
             prescribed=prescribed,
             energy=energy,
+            confined=confined,
             sizes=np.array([force, *now]),
             work=work,
         )

@@ -121,6 +121,27 @@ def test_energy_balances_on_inclined_planes(d):
     )
 
 
+@pytest.mark.parametrize("free", ["heat", "clamp"])
+def test_energies_of_what_strains_and_moves_freely_balance(free):
+    """A plate that heats without constraint, or that its clamp carries along, stores rounding alone."""
+    material = {"young": 2.1e11, "poisson": 0.3, "plane": "stress"}
+    body = {"name": "plate", "mesh": {"shape": "rectangle", "size": [1, 1], "divisions": [4, 4]}}
+    if free == "heat":
+        body["material"] = material | {"expansion": 1e-5}
+        body["temperature"] = {"value": 100.0, "history": "both"}
+        body["clamp"] = [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}]
+    else:
+        body["material"] = material
+        body["clamp"] = [{"on": "left", "x": 1e-3, "y": 2e-3, "history": "both"}]
+    scene = {
+        "body": [body],
+        "time": {"points": [1.0, 2.0]},
+        "history": {"both": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
+    }
+    energy = certified(scene).summary["energy"]
+    assert abs(energy["strain_energy"]) < 1e-6 and energy["residual"] <= 1e-12
+
+
 def test_an_accuracy_target_is_met_with_heat_and_inclined_planes():
     """Meshes are refined by the error of the thermal stress; a target that one mesh misses is met by finer ones."""
     scene = tomllib.loads((ROOT / "configs" / "heated_bush.toml").read_text(encoding="utf-8"))
