@@ -378,8 +378,8 @@ class Acts:
             self.notes.add("lost", card, f"{label} on a body with several densities")
         return densities.pop()
 
-    def heat(self, piece: Piece) -> tuple[Any, dict[str, float]]:
-        """The temperature of a body over its initial one, and the expansion of each of its materials by name.
+    def heat(self, piece: Piece) -> tuple[Any, dict[str, np.ndarray]]:
+        """The temperature of a body over its initial one, and the expansions (3,) of each of its materials by name.
 
         The thermal strain is α(T) (T − T_z) − α(T_0) (T_0 − T_z), with the reference T_z of α. Where T varies in place,
         the strain over the first α stands for the temperature.
@@ -393,7 +393,7 @@ class Acts:
         grown = {name: self._grown(name, T) for name in names}
         fields = [field for field, _ in grown.values() if field is not None]
         expansions = {name: alpha for name, (_, alpha) in grown.items()}
-        grows = any(expansions.values())
+        grows = any(alpha.any() for alpha in expansions.values())
         words = f"no thermal strain of {piece.name}: its material has no *EXPANSION"
         for given, nodes in self.model.heated:
             if not nodes.isdisjoint(own):
@@ -424,26 +424,36 @@ class Acts:
             self.notes.lost_between_steps(self.kinds["heat"][own[0]].card, words)
         return np.array([start, end]), next(iter(histories), None)
 
-    def _grown(self, name: str, T: np.ndarray) -> tuple[np.ndarray | None, float]:
-        """The thermal strain (n,) of a material over its expansion, and that; T (2, n) as of `_warmed`."""
+    def _grown(self, name: str, T: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
+        """The thermal strain (n,) of a material over its expansions, and these (3,) by its axes; T (2, n) as of
+        `_warmed`."""
         expansion = self.model.materials.get(name, {}).get("EXPANSION")
         if expansion is None:
-            return None, 0.0
-        kind = expansion.says("TYPE", "ISO")
-        values, at = table(expansion, {"ISO": 1, "ORT": 3}.get(kind[:3], 6))
-        if kind[:3] != "ISO" and np.ptp(values[:, :3], axis=1).any():
-            self.notes.add("lost", expansion, "expansion that differs by direction")
+            return None, np.zeros(3)
+        width = {"ISO": 1, "ORT": 3}.get(expansion.says("TYPE", "ISO")[:3], 6)
+        values, at = table(expansion, width)
+        if values[:, 3:].any():
+            self.notes.add("lost", expansion, "shear by heat")
+        # the strain along all axes is that along one, times numbers that no temperature changes
+        direct = values[:, :3]
+        row, most = np.unravel_index(np.abs(direct).argmax(), direct.shape)
+        largest = float(direct[row, most])
+        along = direct[row] / largest * np.ones(3) if largest else np.ones(3)
+        apart = np.abs(direct - direct[:, [most]] * along[:width]).max()
+        if apart > KEEPS * abs(largest):
+            words = "expansions by direction that change with the temperature in different ways"
+            self.notes.add("lost", expansion, words)
         if len(values) > 1:
             words = (
                 "the thermal strain of the table is folded into the expansion and the temperature"
             )
             self.notes.add("changed", expansion, words)
         zero, order = number(expansion.given.get("ZERO") or "0"), np.argsort(at)
-        grown = np.diff(np.interp(T, at[order], values[order, 0]) * (T - zero), axis=0)[0]
-        alpha, (start, end) = float(values[0, 0]) or 1.0, T[:, 0]
+        grown = np.diff(np.interp(T, at[order], direct[order, most]) * (T - zero), axis=0)[0]
+        alpha, (start, end) = float(direct[0, most]) or 1.0, T[:, 0]
         if not np.ptp(T, axis=1).any() and end != start:
             alpha = float(grown[0] / (end - start))
-        return (grown / alpha if alpha else grown), alpha
+        return (grown / alpha if alpha else grown), alpha * along
 
     def _field(self, piece: Piece, values: np.ndarray, card: Card) -> Any:
         """A temperature by nodes as a number or a formula: linear in place, or between layers of nodes."""

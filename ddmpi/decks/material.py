@@ -71,17 +71,19 @@ class Matter:
             )
         return {int(k): piece.elements[own == k] for k in np.unique(own)}
 
-    def of(self, piece: Piece, expansions: dict[str, float]) -> list[dict[str, Any]]:
-        """The materials of a body, with the `expansions` by name where it is heated."""
+    def of(self, piece: Piece, expansions: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+        """The materials of a body, with the `expansions` (3,) by name where it is heated."""
         different: dict[tuple[str, str], tuple[dict[str, Any], list[np.ndarray]]] = {}
         for k, elements in self.sections(piece).items():
             _, name, thick, orientation, card = self.model.sections[k]
             if name not in self.model.materials:
                 raise InputError(card.tells(f"there is no *MATERIAL {name}"))
             for heat, some in self._by_heat(name, piece, elements):
-                material = self._elastic(name, self._axes(orientation, card), heat, card)
+                alpha = expansions.get(name, np.zeros(3))
+                directed = bool(np.ptp(alpha))
+                material = self._elastic(name, self._axes(orientation, card), heat, card, directed)
                 if name in expansions:
-                    material["expansion"] = expansions[name]
+                    material["expansion"] = alpha.tolist() if directed else float(alpha[0])
                 if self.family == "CPS":
                     material |= {"plane": "stress"} | ({"thickness": thick} if self.varies else {})
                 different.setdefault((name, repr(material)), (material, []))[1].append(some)
@@ -126,8 +128,11 @@ class Matter:
         own = piece.elements[np.isin(piece.elements, elements)]
         return [(float(heat), own[heats == heat]) for heat in np.unique(heats)]
 
-    def _elastic(self, name: str, axes: np.ndarray, heat: float, section: Card) -> dict[str, Any]:
-        """young, poisson and, of an orthotropic material, shear along x, y and z, at a temperature."""
+    def _elastic(
+        self, name: str, axes: np.ndarray, heat: float, section: Card, directed: bool
+    ) -> dict[str, Any]:
+        """young, poisson and, of an orthotropic material or of `directed` expansion, shear along x, y and z, at a
+        temperature."""
         card = self.model.materials[name].get("ELASTIC")
         if card is None:
             raise InputError(section.tells(f"the material {name} has no *ELASTIC"))
@@ -142,7 +147,10 @@ class Matter:
                 "changed", card, "moduli at the mean temperature of each element at the end"
             )
         if width == 2:
-            return {"young": float(row[0]), "poisson": float(row[1])}
+            E, nu = float(row[0]), float(row[1])
+            if not directed:
+                return {"young": E, "poisson": nu}
+            return self._orthotropic(np.repeat([E, nu, 0.5 * E / (1.0 + nu)], 3), axes, card)
         if width == 21:
             self.notes.add("lost", card, "a material without planes of symmetry")
             return {"young": 1.0, "poisson": 0.0}

@@ -480,6 +480,34 @@ def test_heat(tmp_path):
     assert "no linear function" in refused(tmp_path, steel + step("*TEMPERATURE", "1, 50."))
 
 
+@pytest.mark.parametrize("orthotropic", [False, True])
+def test_heat_by_direction(tmp_path, orthotropic):
+    """Expansions are along the axes of the section, of any elasticity; the same factor of temperature for all or lost."""
+    elastic = "*ELASTIC\n210000., 0.3"
+    if orthotropic:
+        given = "200000., 100000., 50000., 0.3, 0.2, 0.1, 40000., 30000.,\n20000."
+        elastic = f"*ELASTIC, TYPE=ENGINEERING CONSTANTS\n{given}"
+    heat = "*EXPANSION, TYPE=ORTHO, ZERO=20.\n"
+    rows = "1e-5, 2e-5, 4e-5, 20.\n2e-5, 4e-5, 8e-5, 100.\n"
+    turned = "*ORIENTATION, NAME=TURNED\n0., 1., 0., -1., 0., 0.\n"  # axis 1 is y
+    body = grid("A", (2, 2, 3), (1.0, 1.0, 3.0)).replace("*NODE\n", "*NODE, NSET=A_ALL\n")
+    body += STEEL.replace("*ELASTIC\n210000., 0.3", elastic).replace(
+        "*EXPANSION\n1.2e-5\n", heat + rows
+    )
+    section = SECTION.replace("MATERIAL=", "ORIENTATION=TURNED, MATERIAL=")
+    body += turned + section + ROLLERS
+    body += "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nA_ALL, 20.\n"
+    end = step("*TEMPERATURE", "A_ALL, 100.")
+    found = solved(tmp_path, body + end).bodies["A"].displacement.max(axis=0)
+    assert found == pytest.approx(np.array([4e-5, 2e-5, 3 * 8e-5]) * 80.0, rel=1e-9)
+    other = body.replace("2e-5, 4e-5, 8e-5, 100.", "2e-5, 4e-5, 9e-5, 100.")
+    assert "change with the temperature in different ways" in refused(tmp_path, other + end)
+    sheared = body.replace("TYPE=ORTHO, ", "TYPE=ANISO, ").replace(
+        rows, "1e-5, 1e-5, 1e-5, 1e-6, 0., 0.\n"
+    )
+    assert "shear by heat" in refused(tmp_path, sheared + end)
+
+
 def test_lists_are_in_the_order_of_the_deck(tmp_path):
     """Also where a file is included; a keyword that is lost is not listed as taken."""
     (tmp_path / "law.inp").write_text(f"** a comment\n{STEEL}")
