@@ -32,8 +32,7 @@ from ddmpi.pictures.sheet import (
     start_drawing,
 )
 from ddmpi.pictures.views import Paint, Skin, Surface, View
-from ddmpi.results.fields import widened
-from ddmpi.results.tables import Results
+from ddmpi.results.tables import Results, together
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import nodal
 from ddmpi.system.files import LONGEST, writing
@@ -235,11 +234,8 @@ def as_results(
         {
             "points": points,
             "displacement": np.zeros_like(points),
-            "cells": np.concatenate(
-                [
-                    widened(mesh.triangles + start, max(len(each.cell.nodes) for each in meshes))
-                    for mesh, start in zip(meshes, starts, strict=False)
-                ]
+            "cells": together(
+                [mesh.triangles + start for mesh, start in zip(meshes, starts, strict=False)]
             ),
             "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes]),
         },

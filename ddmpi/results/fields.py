@@ -1,10 +1,9 @@
-"""Fields of all bodies: result.h5, and result.xdmf, which describes it to ParaView and meshio."""
+"""Fields of all bodies in result.h5."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
-from xml.etree.ElementTree import Element, ElementTree, SubElement, indent
 
 import numpy as np
 import scipy.sparse as sparse
@@ -15,21 +14,15 @@ from ddmpi.interface.interface import Lines
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.elements import Cell, cell_with
 from ddmpi.mesh.mesh import boundary_facets
-from ddmpi.results.tables import Columns, Results, datasets, leg_values
+from ddmpi.results.tables import Columns, Results, leg_values, together
 from ddmpi.scene.given import CELLS
 from ddmpi.surface.curve import in_order
 from ddmpi.surface.outline import Outline
 from ddmpi.system.agreement import gathered
-from ddmpi.system.files import contact_files, write_rows, writing
+from ddmpi.system.files import write_rows
 from ddmpi.system.numbers import Frame
 
 Datasets = Mapping[str, np.ndarray]  # the data of a body or a contact in result.h5, by name
-KIND = {
-    1: "Scalar",
-    3: "Vector",
-    6: "Tensor6",
-}  # what XDMF calls a field, by its number of components
-
 NODAL = ("nodal_stress", "nodal_principal", "nodal_von_mises")
 """Stress at nodes: recovered, see `body.estimate`; principal stresses and von Mises stress of it."""
 
@@ -82,7 +75,9 @@ IN_FILES = [
 SURFACES = "surfaces"
 """The group of result.h5, and in that of a load step, with the fields of contacts, one contact after the other."""
 
-MANY = 10_000  # most grids of single bodies and contacts, one for each load step, in result.xdmf
+BY_KIND = sorted(f"cells/{kind}" for d in (2, 3) for kind in CELLS[d].values())
+"""The datasets of cells in result.h5, in the order in which cells stand in others."""
+
 FEW = 0.02  # a node that shares its neighbour's row hardly faces the other side below this fraction of its length
 
 
@@ -134,12 +129,11 @@ class Fields:
         import meshio
 
         data = _datasets_of(self, 0)
-        points, cells = data.pop("points"), data.pop("cells")
-        del data["body"]
-        kind = CELLS[self.points.shape[1]][cells.shape[1]]
+        points, kind = data.pop("points"), self.kind
+        del data["body"], data[f"cells/{kind}"]
         return meshio.Mesh(
             points,
-            [(kind, cells)],
+            [(kind, self.cells)],
             {name: values for name, values in data.items() if name in AT_NODES},
             {name: [values] for name, values in data.items() if name not in AT_NODES},
         )
@@ -147,6 +141,11 @@ class Fields:
     @property
     def triangles(self) -> np.ndarray:
         return self.cells
+
+    @property
+    def kind(self) -> str:
+        """meshio's word for the cells."""
+        return CELLS[self.points.shape[1]][self.cells.shape[1]]
 
     def __repr__(self) -> str:
         return f"Fields({len(self.points)} nodes, {len(self.cells)} cells)"
@@ -163,7 +162,8 @@ def write_fields(
     """Write the fields of all bodies and contacts into result.h5 in the folder `path`, all ranks at once.
 
     The datasets are those of the last load step, with the mesh, facets and initial gaps; they make the file. The fields
-    of a `step` before it are added in a group.
+    of a `step` before it are added in a group. Cells stand by kind, as in `cells/tetra`; what has a row per cell is in
+    the order of the kinds' names.
 
     Parameters
     ----------
@@ -180,49 +180,88 @@ def write_fields(
         "": {number: _datasets_of(fields, number) for number, fields in bodies.items()},
         f"{SURFACES}/": contacts or {},
     }
-    arrays, places, spans = {}, {}, dict[int | str, np.ndarray]()
+    arrays: dict[str, list[np.ndarray]] = {}
+    places: dict[str, tuple[Sequence[int], int]] = {}
+    spans = dict[int | str, np.ndarray]()
     for group, entries in everything.items():
-        first, number, total = _spans(entries, world)
-        spans |= zip(entries, np.stack([first, number], axis=1), strict=True)
-        for name, data in _by_name(entries, first[:, 0], world).items():
+        rows = _rows(entries, world)
+        spans |= {key: np.array([own.first, own.number]) for key, own in rows.items()}
+        for name, pieces, at in _pieces(entries, rows):
             if step is None or name in AT_STEPS or (group and tables):
-                kind = 0 if name in AT_NODES else 1
-                arrays[group + name] = data
-                places[group + name] = int(first[0, kind]), int(total[kind])
+                arrays[group + name], places[group + name] = pieces, at
     for name, table in _of_tables(tables or {}, spans).items():
-        arrays[name], places[name] = [table], (0, len(table))
+        arrays[name], places[name] = [table], ([0], len(table))
     write_rows(path / "result.h5", arrays, places, world, None if step is None else group_of(step))
     return gathered(world, spans)
 
 
-def _by_name(
-    entries: Mapping[Any, Datasets], first: np.ndarray, world: MPI.Comm
-) -> dict[str, list[np.ndarray]]:
-    """The datasets of all entries by name; cells by the numbers of nodes among all, in which those of an entry begin
-    at `first` (k,), and as wide as those of all ranks. Collective."""
-    wide = [entry["cells"].shape[1] for entry in entries.values()]
-    widest = world.allreduce(max(wide, default=0), MPI.MAX)
-    names = next(iter(entries.values()), ())
-    data = {name: [entry[name] for entry in entries.values()] for name in names}
-    if "cells" in data:
-        data["cells"] = [
-            widened(cells + start, widest)
-            for cells, start in zip(data["cells"], first, strict=True)
-        ]
-    return data
+@dataclass(frozen=True)
+class Rows:
+    """Where the rows of a body or contact stand in the datasets of all.
+
+    Attributes
+    ----------
+    first, number, total : (2,) its first node and cell, their numbers, and those of all
+    of_kind : its first cell and the number of all of its kind
+    """
+
+    first: tuple[int, int]
+    number: tuple[int, int]
+    total: tuple[int, int]
+    of_kind: tuple[int, int]
+
+    def places(self, name: str) -> tuple[int, int]:
+        """Its first row in the dataset `name`, and the number of rows of that."""
+        if name.startswith("cells/"):
+            return self.of_kind
+        of = int(name not in AT_NODES)
+        return self.first[of], self.total[of]
 
 
-def widened(cells: np.ndarray, width: int) -> np.ndarray:
-    """Cells (nt, k) of one kind as rows among those of others with more nodes, (nt, width), which end in −1."""
-    return np.pad(cells, ((0, 0), (0, width - cells.shape[1])), constant_values=-1)
+def _rows(entries: Mapping[Any, Datasets], world: MPI.Comm) -> dict[Any, Rows]:
+    """The rows of this rank's entries, of which those of a rank follow those of the ranks before it; cells by kind.
+    Collective."""
+    kinds = ["points", "cells", *BY_KIND]
+    number = np.array(
+        [[len(entry.get(kind, ())) for kind in kinds] for entry in entries.values()], int
+    ).reshape(-1, len(kinds))
+    mine = number.sum(axis=0)
+    ends, total = np.empty_like(mine), np.empty_like(mine)
+    MPI.Intracomm(world).Scan(mine, ends)
+    world.Allreduce(mine, total)
+    within = ends - number[::-1].cumsum(axis=0)[::-1]
+    before = np.append(0, total[1:].cumsum()[:-1])
+    rows = {}
+    for key, counts, firsts in zip(entries, number, within, strict=True):
+        kind = 1 + int(counts[1:].argmax())
+        rows[key] = Rows(
+            (int(firsts[0]), int(before[kind - 1] + firsts[kind])),
+            (int(counts[0]), int(counts[kind])),
+            (int(total[0]), int(total[1:].sum())),
+            (int(firsts[kind]), int(total[kind])),
+        )
+    return rows
 
 
 def by_kind(cells: np.ndarray, dimension: int) -> Iterator[tuple[Cell, np.ndarray, np.ndarray]]:
-    """The kinds of cells among (nt, width), see `widened`: the reference cell, the numbers (n,), and their nodes (n, k)."""
+    """The kinds of cells among (nt, width), see `together`: the reference cell, the numbers (n,), and their nodes (n, k)."""
     number = (cells >= 0).sum(axis=1)
     for k in np.unique(number).tolist():
         some = np.flatnonzero(number == k)
         yield cell_with(k, dimension), some, cells[some, :k]
+
+
+def _pieces(
+    entries: Mapping[Any, Datasets], rows: Mapping[Any, Rows]
+) -> Iterator[tuple[str, list[np.ndarray], tuple[list[int], int]]]:
+    """The datasets of all entries: name, pieces, and their places as of `write_rows`; cells by the numbers of nodes
+    among all."""
+    for name in {name: None for entry in entries.values() for name in entry}:
+        own = {key: entry[name] for key, entry in entries.items() if name in entry}
+        if name.startswith("cells"):
+            own = {key: cells + rows[key].first[0] for key, cells in own.items()}
+        found = [rows[key].places(name) for key in own]
+        yield name, list(own.values()), ([first for first, _ in found], found[0][1])
 
 
 def _of_tables(
@@ -236,25 +275,11 @@ def _of_tables(
     }
 
 
-def _spans(
-    entries: Mapping[Any, Datasets], world: MPI.Comm
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The first node and cell (k, 2) of this rank's entries among those of all ranks, their numbers (k, 2) of nodes and
-    cells, and these of all ranks (2,). Collective."""
-    sizes = [(len(entry["points"]), len(entry["cells"])) for entry in entries.values()]
-    number = np.array(sizes).reshape(-1, 2)
-    mine = number.sum(axis=0, dtype=int)
-    ends, total = np.empty_like(mine), np.empty_like(mine)
-    MPI.Intracomm(world).Scan(mine, ends)
-    world.Allreduce(mine, total)
-    return ends - number[::-1].cumsum(axis=0)[::-1], number, total
-
-
 def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:
     """The datasets of result.h5 of the body number `body`, by name."""
     data = {
         "points": _padded(fields.points),
-        "cells": fields.cells,
+        f"cells/{fields.kind}": fields.cells,
         "displacement": _padded(fields.displacement),
         "body": np.full(len(fields.cells), body),
     }
@@ -368,218 +393,9 @@ def drawn_facets(lines: Lines, axisymmetric: bool = False) -> np.ndarray:
     return in_order(drawn) if facets.shape[1] == 2 else drawn
 
 
-def write_xdmf(
-    path: Path,
-    times: Sequence[float] = (),
-    bodies: Mapping[str, np.ndarray] | None = None,
-    contacts: Mapping[str, np.ndarray] | None = None,
-) -> None:
-    """Write result.xdmf into the folder `path`: the mesh and all fields of result.h5 as one grid without time.
-
-    With the `times` of load steps whose fields have been written, the last one's without a number, there is a grid
-    for each. meshio.read takes the grid of a single step, meshio.xdmf.TimeSeriesReader those of several; both refuse
-    more, and bodies with cells of different kinds, of which there are grids by name alone. So grids of bodies and
-    contacts by name, with their times, stand where meshio does not look, in an Information. ParaView and pyvista are
-    referred to them (Reference="XML", as XDMF 2 has it). result_last.xdmf has the last of several load steps, for
-    meshio.read.
-
-    Parameters
-    ----------
-    bodies, contacts : by name in the order of the scene, where `write_fields` has written them
-
-    Not collective. Raises OutputError.
-    """
-    import h5py
-
-    with writing(path / "result.h5"), h5py.File(path / "result.h5", "r") as file:
-        kinds = _kinds_of(file, bodies or {})
-        steps, surfaces = (
-            [_described(file, group, group_of(k)) for k in range(max(len(times), 1))]
-            for group in ("/", f"/{SURFACES}")
-        )
-    grids = [(name, span, steps, kinds[name]) for name, span in (bodies or {}).items()]
-    for name, span in (contacts or {}).items():
-        called = f"contact {name}" if name in kinds else name
-        grids.append((called, span, surfaces, kinds[""].facet.straight))
-    root = Element("Xdmf", Version="3.0")
-    domain = SubElement(root, "Domain")
-    if any(kind is not kinds[""] for kind in kinds.values()):
-        _add_named(domain, times, grids)
-        _write_document(path / "result.xdmf", root)
-        return
-    _add_grids(domain, "bodies", times, steps, kinds[""])
-    if 0 < len(grids) * len(steps) <= MANY:
-        domain[0].set("Reference", "XML")
-        domain[0].text = f"/Xdmf/Domain/Grid{'/Grid[1]' * bool(times)}/Information/Grid"
-        first = domain[0][0] if times else domain[0]
-        hidden = SubElement(first, "Information", Name="named")
-        hidden.text = "<none/>"  # as meshio reads it
-        _add_named(hidden, times, grids)
-    _write_document(path / "result.xdmf", root)
-    if times:
-        root = Element("Xdmf", Version="3.0")
-        _add_grids(SubElement(root, "Domain"), "bodies", (), steps[-1:], kinds[""])
-        _write_document(path / "result_last.xdmf", root)
-
-
-def _kinds_of(file: Any, spans: Mapping[str, np.ndarray]) -> dict[str, Cell]:
-    """The kinds of cells of bodies by name, and under "" that of the first one, or of all without a name."""
-    d, cells = 2 + int(file["points"][:, 2].any()), file["cells"]
-    rows = {name: cells[span[0, 1]] for name, span in spans.items()}
-    rows = {"": next(iter(rows.values()), cells[0])} | rows
-    return {name: cell_with(np.count_nonzero(row >= 0), d) for name, row in rows.items()}
-
-
-def _add_named(
-    parent: Element,
-    times: Sequence[float],
-    grids: Sequence[tuple[str, np.ndarray, Sequence[Mapping[str, tuple]], Cell]],
-) -> None:
-    """Add the grids of bodies and contacts: name, span, fields of all steps, and kind of cells."""
-    named = SubElement(
-        parent, "Grid", Name="results", GridType="Collection", CollectionType="Spatial"
-    )
-    for name, span, fields, kind in grids:
-        _add_grids(named, name, times, fields, kind, span, alone=1.0)
-
-
-def write_surface(path: Path, name: str, fields: Datasets) -> None:
-    """Write the `contact_fields` of the contact `name` as contact_NAME.vtu into the folder `path`, which ParaView,
-    pyvista and meshio read. Not collective. Raises OutputError."""
-    number, width = fields["cells"].shape
-    root = Element("VTKFile", type="UnstructuredGrid", version="0.1", byte_order="LittleEndian")
-    piece = SubElement(
-        SubElement(root, "UnstructuredGrid"),
-        "Piece",
-        NumberOfPoints=str(len(fields["points"])),
-        NumberOfCells=str(number),
-    )
-    cells = {
-        "connectivity": fields["cells"].ravel(),
-        "offsets": width * np.arange(1, number + 1),
-        "types": np.full(number, {2: 3, 3: 5}[width]),
-    }  # VTK's lines and triangles
-    for tag, arrays in {
-        "Points": {"points": fields["points"]},
-        "Cells": cells,
-        "PointData": {
-            key: values for key, values in fields.items() if key not in ("points", "cells")
-        },
-    }.items():
-        parent = SubElement(piece, tag)
-        for key, values in arrays.items():
-            item = SubElement(
-                parent,
-                "DataArray",
-                Name=key,
-                format="ascii",
-                type="Int64" if values.dtype.kind == "i" else "Float64",
-            )
-            item.text = _words(*values.ravel().tolist())
-            if values.ndim > 1:
-                item.set("NumberOfComponents", str(values.shape[1]))
-    _write_document(path / contact_files(name).surface, root)
-
-
-def _write_document(path: Path, root: Element) -> None:
-    indent(root)
-    with writing(path):
-        ElementTree(root).write(path, "utf-8", xml_declaration=True)
-
-
 def group_of(step: int) -> str:
     """The group of result.h5 with the fields of a load step before the last one."""
     return f"step_{step:06d}"
-
-
-def _described(
-    file: Any, group: str, step: str = ""
-) -> dict[str, tuple[str, tuple[int, ...], str]]:
-    """Path, shape and kind of the datasets in a group of result.h5, by name; those of a load step in their place."""
-    last, changed = (
-        datasets(file.get(group, {})),
-        datasets(file.get(f"{step}{group}", {})) if step else {},
-    )
-    kept = {name: last[name] for name in last if not changed or name not in AT_STEPS} | changed
-    return {name: (data.name, data.shape, data.dtype.kind) for name, data in kept.items()}
-
-
-def _add_grids(
-    parent: Element,
-    name: str,
-    times: Sequence[float],
-    steps: Sequence[Mapping[str, tuple]],
-    kind: Cell,
-    span: np.ndarray | None = None,
-    alone: float | None = None,
-) -> None:
-    """Add grids to an element of XDMF: a collection with one for each time, or a single one with the time `alone`.
-
-    A grid has the mesh, cells of a kind, and the fields of its step, `_described`, or the `span` of them, as of
-    `write_fields`.
-    """
-    if times:
-        parent = SubElement(
-            parent, "Grid", Name=name, GridType="Collection", CollectionType="Temporal"
-        )
-    for time, fields in zip(times if times else [alone], steps, strict=True):
-        grid = SubElement(parent, "Grid", Name=name, GridType="Uniform")
-        if time is not None:
-            SubElement(grid, "Time", Value=repr(time))
-        for field, stored in fields.items():
-            _add_field(grid, field, stored, kind, span)
-
-
-def _add_field(
-    grid: Element,
-    name: str,
-    stored: tuple[str, tuple[int, ...], str],
-    cell: Cell,
-    span: np.ndarray | None,
-) -> None:
-    """Add a `stored` field, or a span of it, to a grid with cells of one kind."""
-    (path, shape, kind), nodal = stored, name in AT_NODES
-    sizes = (len(cell.nodes),) if name == "cells" else shape[1:]
-    start, number = (0, shape[0]) if span is None else span[:, 0 if nodal else 1].tolist()
-    if name == "points":
-        parent = SubElement(grid, "Geometry", GeometryType="XYZ")
-    elif name == "cells":
-        topology = cell.topology
-        parent = SubElement(grid, "Topology", TopologyType=topology, NumberOfElements=str(number))
-        if topology == "Polyline":
-            parent.set("NodesPerElement", "2")
-        if span is not None:
-            parent.set("BaseOffset", str(span[0, 0]))
-    else:
-        parent = SubElement(
-            grid,
-            "Attribute",
-            Name=name,
-            AttributeType=KIND[int(np.prod(shape[1:]))],
-            Center="Node" if nodal else "Cell",
-        )
-    if span is not None:
-        parent = SubElement(
-            parent, "DataItem", ItemType="HyperSlab", Dimensions=_words(number, *sizes)
-        )
-        slab = np.array([[start, 1, number], *([0, 1, size] for size in sizes)])
-        item = SubElement(
-            parent, "DataItem", DataType="Int", Format="XML", Dimensions=f"3 {len(shape)}"
-        )
-        item.text = _words(*slab.T.ravel().tolist())
-    item = SubElement(
-        parent,
-        "DataItem",
-        DataType="Int" if kind == "i" else "Float",
-        Precision="8",
-        Format="HDF",
-        Dimensions=_words(*shape),
-    )
-    item.text = f"result.h5:{path}"
-
-
-def _words(*numbers: float) -> str:
-    return " ".join(map(repr, numbers))
 
 
 def _padded(array: np.ndarray) -> np.ndarray:
@@ -587,12 +403,11 @@ def _padded(array: np.ndarray) -> np.ndarray:
 
 
 def boundary_of(cells: np.ndarray, dimension: int) -> tuple[np.ndarray, np.ndarray]:
-    """`boundary_facets` of cells (nt, width) of several kinds: facets (f, ·) `widened`, and their cells (f,)."""
+    """`boundary_facets` of cells (nt, width) of several kinds: facets (f, ·) `together`, and their cells (f,)."""
     found = [
         (some, *boundary_facets(nodes, dimension)) for _, some, nodes in by_kind(cells, dimension)
     ]
-    width = max(facets.shape[1] for _, facets, _ in found)
-    outer = np.concatenate([widened(facets, width) for _, facets, _ in found])
+    outer = together([facets for _, facets, _ in found])
     return outer, np.concatenate([some[cell] for some, _, cell in found])
 
 

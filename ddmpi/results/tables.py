@@ -414,7 +414,7 @@ def read_results(folder: str | Path) -> Results:
         tables = {name: folder / contact_files(name).table for name in summary["contacts"]}
         sides = {name: folder / contact_files(name).sides for name in tables}
         with h5py.File(folder / "result.h5", "r") as file:
-            fields = {name: data[()] for name, data in datasets(file).items()}
+            fields = read_fields(file)
             surfaces, (lines, facets) = read_surfaces(file), read_lines(file)
         steps = summary["scene"].get("time") is not None
         return Results(
@@ -432,6 +432,15 @@ def read_results(folder: str | Path) -> Results:
             if steps and (summary["scene"]["time"].get("motions") == "far")
             else {},
         )
+
+
+def read_fields(file: Any) -> Columns:
+    """The fields of bodies in result.h5 at the last load step; cells of several kinds `together`, as versions before 0.21
+    wrote them."""
+    fields = {name: data[()] for name, data in datasets(file).items()}
+    if "cells" not in fields:
+        fields["cells"] = together([data[()] for data in cells_by_kind(file).values()])
+    return fields
 
 
 def read_lines(file: Any, step: str = "") -> tuple[dict[str, Columns], dict[str, np.ndarray]]:
@@ -459,6 +468,19 @@ def read_surfaces(file: Any, step: str = "") -> dict[str, Columns]:
             }
             found[name]["cells"] = stored["cells"][cell : cell + cells] - node
     return found
+
+
+def cells_by_kind(file: Any) -> dict[str, Any]:
+    """The datasets of cells in result.h5 by kind, in the order in which cells stand in others."""
+    return dict(sorted(datasets(file["cells"]).items()))
+
+
+def together(cells: Sequence[np.ndarray]) -> np.ndarray:
+    """Cells (n, k) of several kinds as rows (nt, width) as long as the longest ones; others end in −1."""
+    width = max(own.shape[1] for own in cells)
+    return np.concatenate(
+        [np.pad(own, ((0, 0), (0, width - own.shape[1])), constant_values=-1) for own in cells]
+    )
 
 
 def datasets(group: Any) -> dict[str, Any]:

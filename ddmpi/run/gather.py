@@ -32,8 +32,6 @@ from ddmpi.results.fields import (
     contact_fields,
     table_fields,
     write_fields,
-    write_surface,
-    write_xdmf,
 )
 from ddmpi.results.folder import Staging
 from ddmpi.results.histories import write_frames
@@ -54,6 +52,7 @@ from ddmpi.results.tables import (
     write_steps,
     write_table,
 )
+from ddmpi.results.xdmf import write_surface, write_xdmf
 from ddmpi.run.recover import forces_by_group, recover
 from ddmpi.run.report import describe_files
 from ddmpi.run.solve import Solution

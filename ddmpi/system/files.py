@@ -115,7 +115,7 @@ def write_page(path: Path, page: str, what: str) -> Path:
 def write_rows(
     target: Path,
     parts: Mapping[str, Sequence[np.ndarray]],
-    places: Mapping[str, tuple[int, int]],
+    places: Mapping[str, tuple[Sequence[int], int]],
     world: MPI.Comm,
     group: str | None = None,
 ) -> None:
@@ -126,9 +126,8 @@ def write_rows(
 
     Parameters
     ----------
-    parts : by name the rows (k, …) of this rank, at least one, in consecutive pieces; datasets without rows of this
-        rank are left out
-    places : by name the number of rows before these, and of all rows
+    parts : by name pieces of rows (k, …) of this rank, at least one; datasets without rows of this rank are left out
+    places : by name the number of rows before each piece, and of all rows
     group : None for a new file; a new group of an existing file, or its root for ""
 
     Collective. Raises OutputError, on all ranks.
@@ -154,12 +153,12 @@ def write_rows(
             target,
             [
                 (
-                    starts[name][0]
-                    + places[name][0] * pieces[0].itemsize * math.prod(pieces[0].shape[1:]),
-                    pieces,
+                    starts[name][0] + first * piece.itemsize * math.prod(piece.shape[1:]),
+                    piece,
                 )
                 for name, pieces in arrays.items()
                 if places[name][1]
+                for first, piece in zip(places[name][0], pieces, strict=True)
             ],
         )
 
@@ -189,16 +188,16 @@ def _made(
     return places
 
 
-def put(target: Path, parts: Sequence[tuple[int, Sequence[np.ndarray]]]) -> None:
-    """Write arrays into an existing file, consecutive ones from an offset on. Not collective. Raises OutputError.
+def put(target: Path, parts: Sequence[tuple[int, np.ndarray]]) -> None:
+    """Write arrays into an existing file, each at its offset. Not collective. Raises OutputError.
 
     The file is opened for writing only: on NFS a host that had read bytes beside its own would write these back, too.
     """
     with writing(target), open(os.open(target, os.O_WRONLY), "wb") as file:
-        for start, pieces in parts:
-            file.seek(start)
-            for piece in pieces:
-                file.write(piece.data)
+        for start, piece in parts:
+            if file.tell() != start:  # what follows what was written stays in the buffer
+                file.seek(start)
+            file.write(piece.data)
 
 
 def write_atomically(path: Path, data: bytes, durable: bool = False) -> None:

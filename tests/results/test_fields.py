@@ -11,8 +11,9 @@ import pytest
 from mpi4py import MPI
 
 from ddmpi.interface.interface import Drawing
-from ddmpi.results.fields import MANY, contact_fields, table_fields, write_fields, write_xdmf
+from ddmpi.results.fields import contact_fields, table_fields, write_fields
 from ddmpi.results.tables import STATUS, chains
+from ddmpi.results.xdmf import MANY, write_xdmf
 from ddmpi.system.files import write_rows
 
 
@@ -67,7 +68,9 @@ def test_fields_that_nobody_asks_for_are_left_out(tmp_path):
     write_fields(tmp_path, {0: made_up.fields(block, stresses=False)})
     write_xdmf(tmp_path)
     with h5py.File(tmp_path / "result.h5") as file:
-        assert set(file) == {"points", "cells", "body", "displacement"}
+        assert set(file) == {"points", "cells", "body", "displacement"} and set(file["cells"]) == {
+            "triangle"
+        }
     assert set(meshio.read(tmp_path / "result.xdmf").cell_data) == {"body"}
 
 
@@ -76,7 +79,12 @@ def test_rows_of_all_ranks_are_of_one_kind(comm, tmp_path):
     """What a rank has in another precision than the first is written as the first has it."""
     rows = (np.arange(6.0).reshape(2, 3) + 6.0 * comm.rank).astype((float, "f4", int)[comm.rank])
     path = comm.bcast(tmp_path / "rows.h5")
-    write_rows(path, {"rows": [rows[:1], rows[1:]]}, {"rows": (2 * comm.rank, 2 * comm.size)}, comm)
+    write_rows(
+        path,
+        {"rows": [rows[:1], rows[1:]]},
+        {"rows": (2 * comm.rank + np.arange(2), 2 * comm.size)},
+        comm,
+    )
     with h5py.File(path) as file:
         assert np.array_equal(file["rows"], np.arange(6.0 * comm.size).reshape(-1, 3))
 

@@ -7,8 +7,9 @@ from scenes import FLOOR, Run, certified, pinched_blocks, rectangle, run_here, w
 from solid_scenes import box
 
 from ddmpi.mesh.elements import facet_measures
-from ddmpi.results.fields import contact_fields, write_surface
+from ddmpi.results.fields import contact_fields
 from ddmpi.results.tables import write_contact
+from ddmpi.results.xdmf import write_surface
 
 
 def surface(answer, name: str, folder) -> tuple[np.ndarray, np.ndarray, np.ndarray, object]:

@@ -10,7 +10,7 @@ from scenes import call
 from ddmpi.errors import InputError
 from ddmpi.results.fields import Fields, write_fields
 from ddmpi.results.histories import along
-from ddmpi.results.tables import PATH, Results, read_results, write_path
+from ddmpi.results.tables import PATH, Results, read_fields, read_results, write_path
 
 
 def results(tmp_path, meshes, displacement, stress) -> Results:
@@ -31,7 +31,7 @@ def results(tmp_path, meshes, displacement, stress) -> Results:
     import h5py
 
     with h5py.File(tmp_path / "result.h5") as file:
-        fields = {name: data[()] for name, data in file.items()}
+        fields = read_fields(file)
     return Results(
         {"bodies": {f"body {k}": {} for k in range(len(meshes))}}, {}, {}, {}, {}, fields
     )

@@ -17,7 +17,7 @@ from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
-from ddmpi.results.fields import Fields, contact_fields, table_fields, write_fields, write_xdmf
+from ddmpi.results.fields import Fields, contact_fields, table_fields, write_fields
 from ddmpi.results.summary import rigid_partners, summarize, write_summary
 from ddmpi.results.tables import (
     HISTORY,
@@ -28,6 +28,7 @@ from ddmpi.results.tables import (
     write_steps,
     write_table,
 )
+from ddmpi.results.xdmf import write_xdmf
 from ddmpi.scene.bodies import Material, MeshSpec
 from ddmpi.scene.contacts import Coulomb, NoFriction, SettledContact
 from ddmpi.surface.boundary import contact_side
@@ -314,6 +315,17 @@ def named_grids(folder: Path) -> dict[str, list[dict]]:
     assert top.get("Reference") == "XML"
     hidden = root.find("." + top.text.strip().removeprefix("/Xdmf"))
     assert (hidden.get("GridType"), hidden.get("CollectionType")) == ("Collection", "Spatial")
+    return _grids(hidden, folder)
+
+
+def grids_by_kind(folder: Path) -> dict[str, list[dict]]:
+    """The same by kind of cells, of all bodies with such cells."""
+    (top,) = ElementTree.parse(folder / "result.xdmf").getroot().find("Domain")
+    return _grids([each for each in top if each.tag == "Grid"], folder)
+
+
+def _grids(parent: Iterable[ElementTree.Element], folder: Path) -> dict[str, list[dict]]:
+    """The grids of an element by name, of each its arrays by name at all times."""
     with h5py.File(folder / "result.h5") as file:
 
         def array(item):
@@ -331,15 +343,17 @@ def named_grids(folder: Path) -> dict[str, list[dict]]:
             return array(item[1])[tuple(slice(a, a + n) for a, n in zip(start, count, strict=True))]
 
         def grid(each):
-            children = [child for child in each if child.tag != "Time"]
+            children = [child for child in each if child.tag not in ("Time", "Information")]
             found = {child.get("Name", child.tag): array(child[0]) for child in children}
             (topology,) = (child for child in children if child.tag == "Topology")
             found["Topology"] = found["Topology"] - int(topology.get("BaseOffset", 0))
-            return found | {"time": float(each.find("Time").get("Value"))}
+            found["kind"], time = topology.get("TopologyType"), each.find("Time")
+            assert len(found["Topology"]) == int(topology.get("NumberOfElements"))
+            return found | {"time": None if time is None else float(time.get("Value"))}
 
         return {
             each.get("Name"): [
                 grid(one) for one in (each if each.get("GridType") == "Collection" else [each])
             ]
-            for each in hidden
+            for each in parent
         }

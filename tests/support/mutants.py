@@ -3695,9 +3695,23 @@ MUTANTS = [
         (
             "cells of the second body have the first one's nodes",
             "results/fields",
-            "cells + start",
+            "cells + rows[key].first[0]",
             "cells",
             "results/test_fields.py::test_meshio_reads_all_bodies",
+        ),
+        (
+            "cells of all kinds begin with the first one",
+            "results/fields",
+            "int(before[kind - 1] + firsts[kind])",
+            "int(firsts[kind])",
+            "results/test_xdmf.py::test_each_kind_of_cells_is_a_grid",
+        ),
+        (
+            "grids of a kind look for its cells behind those of others",
+            "results/xdmf",
+            "        start -= shown.first\n",
+            "",
+            "results/test_xdmf.py::test_each_kind_of_cells_is_a_grid",
         ),
         # derivatives
         (
@@ -4732,8 +4746,8 @@ MUTANTS = [
         (
             "pictures of a check have cells of other bodies",
             "check/drawing",
-            "widened(mesh.triangles + start,",
-            "widened(mesh.triangles - start,",
+            "[mesh.triangles + start for",
+            "[mesh.triangles - start for",
             "check/test_check.py::test_pictures_of_a_check_have_all_bodies_where_they_are",
         ),
         (
