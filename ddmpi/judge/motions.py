@@ -47,6 +47,8 @@ class MotionsOfBody:
     outline : (k, d) nodes at the corners of the convex hull: one of them is always the fastest (m)
     basis : (n, j) the velocities of the free motions
     inertia : (j, j) mass matrix of the free motions of the convex hull, if its mass is one
+    pivot : (d,) of a sector, on the axis of its wheel (m)
+    touches_itself : or its image
     """
 
     name: str
@@ -55,6 +57,8 @@ class MotionsOfBody:
     outline: np.ndarray
     basis: np.ndarray
     inertia: np.ndarray
+    pivot: np.ndarray | None = None
+    touches_itself: bool = False
 
     @classmethod
     def of(cls, name: str, points: np.ndarray, motions: np.ndarray) -> Self:
@@ -82,6 +86,13 @@ class MotionsOfBody:
     def speeds(self) -> np.ndarray:
         """(j,) the largest nodal velocity of each free motion."""
         return np.array([self.speed(velocity) for velocity in self.basis.T])
+
+    @property
+    def freely(self) -> str:
+        """That no other body touches it, in words."""
+        if self.touches_itself:
+            return f"{self.name} can move freely without any force"
+        return f"nothing touches {self.name}: it can move freely"
 
     def at(self, velocity: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Velocities (k, d) of `points` (k, d) that move with the body."""
@@ -146,7 +157,7 @@ def undetermined(
             and not touches[members].nnz
             and numbers[members[0]] == len(some[0].basis)
         ):
-            untouched.append(f"nothing touches {some[0].name}: it can move freely")
+            untouched.append(some[0].freely)
         elif len(some) <= LARGEST:
             G_island = G[rows]
             for motion in _null_space(G_island[:, np.unique(G_island.indices)].toarray().T):
@@ -221,9 +232,12 @@ def _way(members: list[MotionsOfBody], v: np.ndarray) -> str:
     speeds = np.linalg.norm(first.at(v, nodes), axis=1)
     middle = (nodes.max(axis=0) + nodes.min(axis=0)) / 2
     turning, mean = v[d:], first.at(v, middle[None])[0]
-    if np.linalg.norm(mean) <= TURNS_ABOUT * speeds.max():
+    hub = first.pivot
+    of_wheel = hub is not None and np.linalg.norm(first.at(v, hub[None])) <= SAME * speeds.max()
+    if of_wheel or np.linalg.norm(mean) <= TURNS_ABOUT * speeds.max():
         # The axis comes nearest to the middle at ω × v / ω·ω from it.
-        place = _place(middle + crossed(turning[None], mean[None])[0] / (turning @ turning), size)
+        axis = middle + crossed(turning[None], mean[None])[0] / (turning @ turning)
+        place = _place(hub if of_wheel and hub is not None else axis, size)
         return (
             f"turn {'counter' * bool(turning[0] > 0.0)}clockwise about {place}"
             if d == 2

@@ -5,6 +5,7 @@ Each rank describes the forces that its contacts allow or resist in a few column
 
 import itertools
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -220,7 +221,13 @@ def _motions_of(assembly: Assembly) -> dict[str, MotionsOfBody]:
 
 
 def _with_partners(assembly: Assembly) -> list[MotionsOfBody]:
-    all_motions = list(gathered(assembly.world, _motions_of(assembly)).values())
+    wheel, contacts = assembly.scene.wheel, assembly.scene.contact
+    alone = {contact.bodies[0] for contact in contacts if len({*contact.bodies}) == 1}
+    hub = np.array(wheel.pivot or (0.0,) * assembly.scene.dimension) if wheel else None
+    all_motions = [
+        replace(body, pivot=hub, touches_itself=name in alone)
+        for name, body in gathered(assembly.world, _motions_of(assembly)).items()
+    ]
     for each in assembly.joint.driven:
         facing = gathered(
             assembly.world,

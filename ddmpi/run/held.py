@@ -42,6 +42,7 @@ from ddmpi.judge.motions import (
 )
 from ddmpi.methods.outer import Outer
 from ddmpi.run.equilibrium import loads_of_loose, with_partners
+from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import from_first, gathered
 
 COARSE, APART = 1e-2, 30.0
@@ -355,7 +356,7 @@ def judge_held(
             if load > bound and coarse[k]:
                 return [], None, True
             if load > bound:
-                because = _because(one, assembly.scene.units)
+                because = _because(one, assembly.scene)
                 imbalance = load / float((speeds * loads).max() or 1.0)
                 mechanism = Mechanism(tuple(bodies), velocities / speeds.max(), imbalance, because)
                 return told, mechanism, False
@@ -421,13 +422,17 @@ def _told(
     return HeldMotion(bodies[lead].name, f"{way}{WITHOUT}", load / unit, bound / unit, coarse)
 
 
-def _because(held: HeldMotion, units: Mapping[str, str]) -> str:
+def _because(held: HeldMotion, scene: Settled) -> str:
     """Why the motion is a mechanism, after its name."""
     turns = TURN in held.motion
-    unit = units["moment" if turns else "force"]
+    unit = scene.units["moment" if turns else "force"]
+    drives = f": {held.moment:.3g} {unit} drive it, and"
+    clamp = f"clamp the {'turn' if turns else 'motion'}"
+    if all({*each.bodies} == {held.body} for each in scene.contact if held.body in each.bodies):
+        return f"{drives} no contact of {held.body} with itself or its image resists it; {clamp}"
     return (
-        f": {held.moment:.3g} {unit} drive it, and only the facets of the meshes resist ({held.bound:.3g} {unit} at "
-        f"most); give the contact friction, or clamp the {'turn' if turns else 'motion'}"
+        f"{drives} only the facets of the meshes resist ({held.bound:.3g} {unit} at most); give the contact friction, "
+        f"or {clamp}"
     )
 
 

@@ -270,13 +270,22 @@ def test_an_image_is_of_a_body_of_another_rank():
 
 
 def test_a_sector_turns_freely_and_does_not_slide():
-    """Of the motions of a ring in the plane only the turn is free; a moment on it has no equilibrium."""
+    """Of the motions of a ring in the plane only the turn about its axis is free; a moment has no equilibrium."""
     sector = rings(1, **BOND)[0]
     held = certified(sector).summary["held_motions"]
-    assert [motion["body"] for motion in held] == ["ring"]
+    turns = "turn counterclockwise about (0, 0)"
+    assert [motion["motion"] for motion in held] == [f"ring can {turns} without any force"]
     twisted = deepcopy(sector)
     twisted["body"][0]["traction"].append({"on": "inner", "value": ["-1e6 * y", "1e6 * x"]})
-    assert "no equilibrium: ring would" in ddmpi.solve(twisted, MPI.COMM_SELF).reason
+    reason = ddmpi.solve(twisted, MPI.COMM_SELF).reason
+    assert reason.startswith(f"no equilibrium: ring would {turns}: ")
+    assert reason.endswith("no contact of ring with itself or its image resists it; clamp the turn")
+    pivot = {"turn": 90.0, "pivot": [3.0, -2.0]}
+    aside = segment("ring", 0.0, 90.0, 1)
+    aside["mesh"]["center"] = pivot["pivot"]
+    scene = {"body": [aside], "contact": [flanks("ring", **BOND) | {"image": pivot}]}
+    (held,) = certified(scene).summary["held_motions"]
+    assert held["motion"] == "ring can turn counterclockwise about (3, -2) without any force"
 
 
 def test_what_an_image_would_not_have_is_refused():

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import assert_refused, certified
+from scenes import assert_refused, call, certified, write_scene
 from slits import TIP, Slit, scene, write
 
 import ddmpi
@@ -108,7 +108,7 @@ def test_a_closed_slit_that_sticks_is_none(tmp_path, slit, order, load):
     assert TIP not in answer.contacts["lips"].interface.xy[:, 0]
 
 
-def test_a_slit_bears_no_motion_of_its_body():
+def test_a_slit_bears_no_motion_of_its_body(tmp_path):
     """A ring that is pressed all around until its ears touch is loose, and stays where it is."""
     p = 3.0
     ring = {
@@ -151,6 +151,12 @@ def test_a_slit_bears_no_motion_of_its_body():
         assert np.abs(answer.bodies["ring"].displacement.mean(axis=0)).max() < 0.5
         assert len(answer.summary["held_motions"]) == 3
         assert answer.summary["undetermined"] == []
+    shown = call(
+        "check",
+        str(write_scene({"body": [ring], "contact": [ears]}, tmp_path / "ring.toml")),
+        "--no-figures",
+    ).output
+    assert "\nring can move freely without any force, whatever touches" in shown
     turned = ring | {"traction": [*ring["traction"], {"on": "outer", "moment": 5.0}]}
     refused = ddmpi.solve({"body": [turned], "contact": [ears]}, MPI.COMM_SELF)
     assert "no equilibrium: ring would turn counterclockwise" in refused.reason
