@@ -1,10 +1,10 @@
 #!/usr/bin/env -S bash -c 'exec "${0%/*}/study" "$0" "$@"'
-"""Random assemblies, in the plane or of solids: each is certified and verified from its result files, or reported.
+"""Random assemblies, solids, slits and images: each is certified and verified from its result files, or reported.
 
 Each scene is solved by the command. What it writes is checked without anything of the program's that computed it
-(tests/support/result_check.py). Prints a line for each seed, a table of families, and what ddmpi took: products are
-multiplications by a body's compliance over the number of bodies. Exit code 1 if one is violated, missed or failed;
-docs/studies/assemblies.md explains these verdicts.
+(result_check.py or image_check.py of tests/support/). Prints a line for each seed, a table of families, and what ddmpi
+took: products are multiplications by a body's compliance over the number of bodies. Exit code 1 if one is violated,
+missed or failed; docs/studies/assemblies.md explains these verdicts.
 """
 
 import functools
@@ -20,6 +20,8 @@ from typing import Any
 from experiment import arguments, table  # isort: skip, with which the helpers of the tests can be imported
 
 import assembly_scenes
+import image_check
+import image_scenes
 import result_check
 import scenes
 import solid_assemblies
@@ -45,7 +47,11 @@ def seeds(text: str) -> list[int]:
 
 
 def judge(
-    scene: dict[str, Any], folder: Path, tolerance: float, command: Callable[..., scenes.Run]
+    scene: dict[str, Any],
+    folder: Path,
+    tolerance: float,
+    command: Callable[..., scenes.Run],
+    check: Any = result_check,
 ) -> tuple[str, str]:
     """The verdict on what the command makes of a scene, and what to say about it; what it writes is left in the folder.
 
@@ -60,26 +66,28 @@ def judge(
         return "failed", run.output.strip()[-300:]
     reason = run.summary["reason"]
     if "no equilibrium" in reason and run.code == 3:
-        if not result_check.feasible(scene):
+        if not check.feasible(scene):
             return "reported", reason
-        certain = result_check.feasible(scene, -result_check.REACH)
+        certain = check.feasible(scene, -check.REACH)
         return "finding" if "found" in reason else "missed" if certain else "edge", reason
     if run.code != 0 or not run.summary["converged"]:
         return "missed", f"exit code {run.code}: {reason}"
-    law, worst = max(
-        result_check.violations(scene, folder / "results").items(), key=lambda item: item[1]
-    )
+    law, worst = max(check.violations(scene, folder / "results").items(), key=lambda item: item[1])
     said = f"largest violation {worst:.1e} ({law})"
-    if not result_check.feasible(scene, result_check.REACH):
+    if not check.feasible(scene, check.REACH):
         return "violated", f"{said}; no forces can hold the bodies"
-    return "violated" if worst > tolerance else "verified" if result_check.feasible(
+    return "violated" if worst > tolerance else "verified" if check.feasible(
         scene
     ) else "edge", said
 
 
 def main() -> None:
-    kinds = {"random_assemblies": assembly_scenes, "random_solids": solid_assemblies}
-    random_scene = kinds[sys.argv.pop(1)].random_scene
+    kinds: dict[str, tuple[Callable[[int, Path], dict], Any]] = {
+        "random_assemblies": (lambda seed, _: assembly_scenes.random_scene(seed), result_check),
+        "random_solids": (lambda seed, _: solid_assemblies.random_scene(seed), result_check),
+        "random_images": (image_scenes.random_scene, image_check),
+    }
+    random_scene, check = kinds[sys.argv.pop(1)]
     parser = arguments(__doc__)
     parser.add_argument(
         "--seeds", type=seeds, default=seeds("0:300"), help="A:B, or seeds with commas"
@@ -98,20 +106,16 @@ def main() -> None:
     options = parser.parse_args()
     tally, taken = Counter[tuple[str, str]](), dict[int, tuple[int, float]]()
     for seed in options.seeds:
-        scene, ranks, start = (
-            random_scene(seed),
-            options.ranks or 1 + seed % 7 % 4,
-            time.perf_counter(),
-        )
-        for body in scene["body"] if options.bricks else ():
-            if "divisions" in body["mesh"]:
-                body["mesh"] |= {"elements": "bricks", "integration": "full"}
+        ranks, start = options.ranks or 1 + seed % 7 % 4, time.perf_counter()
         with tempfile.TemporaryDirectory() as scratch:
             folder = options.keep / str(seed) if options.keep else Path(scratch)
             folder.mkdir(parents=True, exist_ok=True)
-            verdict, words = judge(
-                scene, folder, options.tolerance, functools.partial(scenes.run_command, ranks=ranks)
-            )
+            scene = random_scene(seed, folder)
+            for body in scene["body"] if options.bricks else ():
+                if "divisions" in body["mesh"]:
+                    body["mesh"] |= {"elements": "bricks", "integration": "full"}
+            command = functools.partial(scenes.run_command, ranks=ranks)
+            verdict, words = judge(scene, folder, options.tolerance, command, check)
             if verdict != "failed":
                 summary = json.loads(
                     (folder / "results" / "summary.json").read_text(encoding="utf-8")

@@ -1,10 +1,15 @@
-"""Random bodies with slits against two that are bonded, and random sectors against their wheels."""
+"""Random bodies with slits against two that are bonded, random sectors against their wheels; and scenes with slits,
+images and skew supports, checked from their files as scripts/study random_images does; and that check."""
 
 from typing import Any
 
+import image_check
+import image_scenes
 import numpy as np
 import pytest
+import random_assemblies
 from mpi4py import MPI
+from scenes import run_here
 from slits import Slit, scene
 from test_sectors import BOND, flanks, segment, strained, wheel
 from test_slits import are_alike
@@ -94,3 +99,45 @@ def test_a_random_sector_is_a_part_of_its_wheel(seed):
     for body in sector["body"] if one.certified else ():
         found, right = strained(one, body["name"]), strained(all_of_it, f"{body['name']}0")
         assert found == pytest.approx(right, abs=1e-8 * np.abs(right).max())
+
+
+VERDICTS = {"verified": (1, 3, 6, 8, 12, 15, 28, 52), "reported": (2, 7, 9)}
+"""Of seeds: 8 and 52 are bonded slits of linear and quadratic solids, 28 a slit with a soft joint."""
+
+
+@pytest.mark.parametrize(
+    "seed, verdict", [(seed, verdict) for verdict, some in VERDICTS.items() for seed in some]
+)
+def test_files_of_random_images(tmp_path, seed, verdict):
+    """Certified and verified, or without equilibrium."""
+    scene = image_scenes.random_scene(seed, tmp_path)
+    found = random_assemblies.judge(scene, tmp_path, 1e-5, run_here, image_check)
+    assert found[0] == verdict, found
+
+
+@pytest.mark.parametrize(
+    "seed, column, law",
+    [
+        (6, "gap", "gap by displacements"),
+        (6, "slip", "slip by displacements"),
+        (6, "normal_force", "force"),
+        (6, "tangential_force", "friction bound"),
+        (12, "normal_force", "at nodes"),
+        (3, "force_z", "tension"),
+        (3, "gap", "penetration"),
+    ],
+)
+def test_the_check_of_images_sees_what_is_wrong(tmp_path, monkeypatch, seed, column, law):
+    """A column that is not what was computed."""
+    scene = image_scenes.random_scene(seed, tmp_path)
+    assert random_assemblies.judge(scene, tmp_path, 1e-5, run_here, image_check)[0] == "verified"
+    read = image_check.read_results
+
+    def spoiled(path):
+        results = read(path)
+        for table in results.contacts.values():
+            table[column] = -1.01 * table[column] - 1e-6
+        return results
+
+    monkeypatch.setattr(image_check, "read_results", spoiled)
+    assert image_check.violations(scene, tmp_path / "results")[law] > 1e-5

@@ -139,7 +139,7 @@ def violations(scene: Scene, folder: Path) -> dict[str, float]:
         found = {law: max(value, float(told[law])) for law, value in found.items()}
     for contact in scene["contact"]:
         table, own = results.contacts[contact["name"]], forces[contact["name"]]
-        for law, value in _laws(contact, table, own, NOTHING * size).items():
+        for law, value in laws(contact, table, own, NOTHING * size).items():
             least = largest if law in MOTIONS else max(np.abs(own).max(), NOTHING * size) or 1.0
             found[law] = max(found.get(law, 0.0), value / least)
     return found
@@ -165,7 +165,7 @@ def contact_forces(table: Columns, axes: str) -> np.ndarray:
     )
 
 
-def _laws(contact: dict, table: Columns, force: np.ndarray, nothing: float) -> dict[str, float]:
+def laws(contact: dict, table: Columns, force: np.ndarray, nothing: float) -> dict[str, float]:
     """Violations of the contact's laws at its nodes: forces (N) and displacements (m). Forces below `nothing` are none."""
     axes = "xyz"[: force.shape[1]]
     n, slip = normals(table, axes), along(table, axes, "slip")
