@@ -242,7 +242,7 @@ def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:
             )
         yield (
             f"{name}: {', '.join(words)}, {face.measure or measures.sum():.4g} {unit}{SQUARE[d - 1]}, about "
-            f"{in_words(np.array(face.place), 4)}"
+            f"{in_words(np.array(face.place), 4)}" + f", or {face.words!r}" * bool(face.words)
         )
 
 

@@ -4,7 +4,7 @@ scene from an assembly that a CAD program has written: its parts, and contacts w
 import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -16,7 +16,7 @@ from ddmpi.errors import TakenError
 from ddmpi.mesh.boundary import SHARPEST, creases, parts_of
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.geometry import list_parts
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.mesh import Face, Mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.scene.reader import write_toml
@@ -46,7 +46,9 @@ class Boundary:
     at: np.ndarray  # (f, d, d) their corners (m)
     normal: np.ndarray  # (f, d) outer unit normals
     groups: Mapping[str, np.ndarray]  # by name which facets (f,) bool belong to it
-    faces: Collection[str] = ()  # the groups that are numbered faces of a drawing
+    faces: Mapping[str, Face] = field(
+        default_factory=dict
+    )  # groups that are numbered faces of a drawing
     smooth: Collection[
         tuple[str, str]
     ] = ()  # pairs of these that meet without a corner, in both orders
@@ -94,7 +96,12 @@ class Boundary:
             if parts_of(name, ()) == [name] or not self.groups.keys() >= {*parts_of(name, ())}
         ]  # what a scene combines is no name
         for name in sorted(
-            simple, key=lambda name: (-self.groups[name][some].sum(), self.groups[name].sum())
+            simple,
+            key=lambda name: (
+                -self.groups[name][some].sum(),
+                self.groups[name].sum(),
+                name not in self.faces,
+            ),
         ):
             names[(names == "") & self.groups[name][some]] = name
         return names
@@ -107,14 +114,19 @@ class Missing(NamedTuple):
     on: tuple[str, ...]  # a group of each body; "" where the boundary has no name
     facets: np.ndarray  # (k, d, d) of both bodies (m)
     gap: tuple[float, float]  # the least and the largest distance, negative where they overlap (m)
+    faces: Sequence[Mapping[str, Face]]  # those of each body that have numbers
 
     @property
     def sides(self) -> list[Any]:
-        """The value of ``on``: names, numbers of faces, and lists of these."""
-        numbers: list[list] = [
-            sorted(map(int, on.split("+"))) if NUMBERS.fullmatch(on) else [on] for on in self.on
-        ]
-        return [parts if len(parts) > 1 else parts[0] for parts in numbers]
+        """The value of ``on``: names, faces by what they are or else by number, and lists of these."""
+        called = []
+        for on, faces in zip(self.on, self.faces, strict=True):
+            parts: list = [on]
+            if NUMBERS.fullmatch(on):
+                numbers = sorted(map(int, on.split("+")))
+                parts = [getattr(faces.get(str(k)), "words", "") or k for k in numbers]
+            called.append(parts if len(parts) > 1 else parts[0])
+        return called
 
     def lines(self, taken: set[str]) -> str:
         """The TOML of the contact, with a name that is not among those `taken`, which gets this one."""
@@ -273,7 +285,8 @@ def _missing(
         chosen = np.array([group in alike for group in groups])
         on = tuple("+".join(dict.fromkeys(parts)) for parts in zip(*alike, strict=True))
         at = np.concatenate([body.at[np.unique(facets[chosen])] for body, facets in sides])
-        yield Missing(pair, on, at, (float(gap[chosen].min()), float(gap[chosen].max())))
+        apart = float(gap[chosen].min()), float(gap[chosen].max())
+        yield Missing(pair, on, at, apart, [body.faces for body, _ in sides])
 
 
 def _together(

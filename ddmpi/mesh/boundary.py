@@ -13,7 +13,7 @@ from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError, naming, nearest
 from ddmpi.mesh.elements import CELLS, Cell, cell_with, normals
-from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh, boundary_facets
+from ddmpi.mesh.mesh import PHYSICAL, Mesh, boundary_facets
 from ddmpi.mesh.refine import KINDS, bricks, distinct, middle_nodes, simplices
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.system.numbers import across, in_words
@@ -26,9 +26,6 @@ SAMPLES = 65
 
 ACROSS = np.stack(np.meshgrid(*[np.linspace(0.05, 0.95, 9)] * 2), axis=-1).reshape(-1, 2)
 """Places on a face, as parts of its parameters, by which its radius is found; that of a quarter of them is smaller."""
-
-ROUND = ("circle", "cylinder", "sphere", "torus")
-"""Gmsh's kinds of curves and faces that have a radius."""
 
 OFF = 1e22
 """Gmsh's value for no limit."""
@@ -276,79 +273,6 @@ def _meant(gmsh, part: str | int, names: dict[int, list[str]], label: str) -> in
             f"{label} has {len(meant)} parts {part!r}; take one by its number: {listed}"
         )
     raise InputError(f"{label} has no part {part!r}; it has {listed}")
-
-
-def name_sides(gmsh, script: bool, asked: Collection[str], label: str) -> dict[str, Face]:
-    """Make groups of curves and faces by their numbers, and by the last part of their labels: of all that bound the
-    body in a file that is no `script`, and in one without groups of which numbers are `asked`; else of those asked for
-    that are no groups yet. So are curves of solids and points, as in "curve 5" and "point 3", if they are asked for.
-    What the drawing says of the numbered ones. Raises InputError for others."""
-    side = gmsh.model.getDimension() - 1
-    there = {gmsh.model.getPhysicalName(k, tag): k for k, tag in gmsh.model.getPhysicalGroups()}
-    wanted = [part for on in asked for part in parts_of(on, there) if part not in there]
-    numbers = [part for part in wanted if re.fullmatch(r"((point|curve) )?\d+", part)]
-    every = not script or (bool(numbers) and numbers == wanted and side not in there.values())
-    tagged = _called(gmsh, side, script, there)
-    _refuse_missing(gmsh, numbers if script else wanted, tagged, side, label)
-    faces = {}
-    for (name, k), tags in tagged.items():
-        if (every and k == side) or name in wanted:
-            gmsh.model.addPhysicalGroup(k, tags, name=name)
-            if k == side and name == str(tags[0]):
-                faces[name] = _face(gmsh, k, tags[0])
-    return faces
-
-
-def _called(
-    gmsh, side: int, script: bool, taken: Collection[str]
-) -> dict[tuple[str, int], list[int]]:
-    """The numbers of points, curves and faces up to the dimension `side`, by name and dimension: their own numbers and,
-    but for a `script`, the last parts of their labels; names that are `taken` are left out."""
-    tagged = dict[tuple[str, int], list[int]]()
-    for k, tag in gmsh.model.getEntities():
-        if k > side:
-            continue
-        number = str(tag) if k == side else f"{PHYSICAL[k].split()[1]} {tag}"
-        spoken = "" if script else gmsh.model.getEntityName(k, tag).split("/")[-1]
-        for name in dict.fromkeys((number, spoken)):
-            if name and name not in taken:
-                tagged.setdefault((name, k), []).append(tag)
-    return tagged
-
-
-def _refuse_missing(
-    gmsh,
-    wanted: Collection[str],
-    tagged: dict[tuple[str, int], list[int]],
-    side: int,
-    label: str,
-) -> None:
-    """Raise InputError where a name that is `wanted` is none of those of `_called`."""
-    kinds, names = ("point", "curve", "face"), {name for name, _ in tagged}
-    for missing in wanted:
-        if missing not in names:
-            of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
-            listed = "; ".join(
-                f"{name} {where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of
-            )
-            raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {listed}")
-
-
-def _face(gmsh, k: int, tag: int) -> Face:
-    kind = gmsh.model.getType(k, tag).lower()
-    bend = (curve_bend, face_bend)[k - 1](gmsh, tag)[0] if kind in ROUND else 0.0
-    try:
-        measure = gmsh.model.occ.getMass(k, tag)
-    except Exception:  # gmsh's own kernel knows no areas
-        measure = curve_bend(gmsh, tag)[1] if k == 1 else 0.0
-    place = (
-        np.round(
-            box(gmsh, k, tag).mean(axis=0)[: gmsh.model.getDimension()],
-            5 - int(np.log10(extent(gmsh))),
-        )
-        + 0.0
-    )
-    return Face(kind, 1.0 / bend if bend else 0.0, measure, tuple(place.tolist()))
 
 
 def where(gmsh, k: int, tag: int) -> str:

@@ -23,11 +23,11 @@ from ddmpi.mesh.boundary import (
     extent,
     face_bend,
     keep_part,
-    name_sides,
     parts_of,
     samples,
 )
 from ddmpi.mesh.elements import CELLS
+from ddmpi.mesh.forms import name_sides
 from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh
 from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
 from ddmpi.mesh.refine import GRADE, Sizes

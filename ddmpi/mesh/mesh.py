@@ -58,12 +58,16 @@ class Face(NamedTuple):
     radius : of a circle, a cylinder, a sphere, and of the tube of a torus (m); of others 0
     measure : its length (m) or area (m²)
     place : the middle of its box (m)
+    words : by which a scene names it, see `forms.FORM`; of a copy those of its original
+    axis : of a cylinder the ends of its axis (m), else empty
     """
 
     kind: str
     radius: float
     measure: float
     place: tuple[float, ...]
+    words: str = ""
+    axis: tuple[tuple[float, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -184,7 +188,10 @@ class Mesh:
     def _moved(self, frame: Frame) -> Mesh:
         """The mesh where a frame takes it."""
         faces = {
-            name: face._replace(place=tuple(frame.at(np.array(face.place)).tolist()))
+            name: face._replace(
+                place=tuple(frame.at(np.array(face.place)).tolist()),
+                axis=tuple(tuple(frame.at(np.array(end)).tolist()) for end in face.axis),
+            )
             for name, face in self.faces.items()
         }
         other = replace(self, points=frame.at(self.points), faces=faces)

@@ -255,8 +255,8 @@ class ContactSpec(Table, frozen=True, kw_only=True):
     name : unique among contacts; left out, the names in bodies with a dash between
     bodies : two bodies, a body and then a rigid partner, or one body twice, as that of a crack or of two ears; normals
         and forces of the results are the first one's
-    on : a boundary group of each side, so only one if the partner is rigid: ["sole", "top"]; numbered faces of a
-        drawing are groups, and so are several of them in a list: [[5, 8], 27]
+    on : a boundary group of each side, so only one if the partner is rigid: ["sole", "top"]; faces of a drawing
+        by number, or by what they are, are groups, and so are several of them in a list: [[5, 8], "plane at (0, 0, 2)"]
     kind : "bonded" sides neither separate nor slide; "guided" ones do not separate and slide without friction, as a
         face in a guide: normal forces have both signs
     friction : law of friction; left out, none

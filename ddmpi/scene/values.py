@@ -39,7 +39,8 @@ else:
             tuple[Group | Annotated[int, msgspec.Meta(ge=1)], ...], msgspec.Meta(min_length=1)
         ]
     )
-"""A group by name, a numbered curve or face of a drawing, or a list of these, which are one group together."""
+"""A group by name, a curve or face of a drawing by number or by what it is (`mesh.forms`), or a list of these, which are
+one group together."""
 
 Name = Annotated[
     str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^[^.=/\s\x00-\x1f\x7f]*\Z")

@@ -26,7 +26,9 @@ def test_an_assembly_becomes_a_scene(tmp_path, caplog, monkeypatch):
     )
     said = draft_scene(step, tmp_path / "made")
     assert "made/scene.toml: 3 bodies, 3 contacts" in said
-    assert "contact of part_2 and part_3: on = [[7, 9], [18, 20]]" in said
+    halves = "['cylinder r=0.5 at (0, 0.5, {0})', 'cylinder r=0.5 at (0, -0.5, {0})']"
+    sides = ", ".join(map(halves.format, ("1", "0.5")))
+    assert f"contact of part_2 and part_3: on = [{sides}]" in said
     path = tmp_path / "made" / "scene.toml"
     scene = read_scene_file(path, [], kind_of_files(path))
     parts = [(body.name, body.mesh.part) for body in scene.body]

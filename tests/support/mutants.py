@@ -55,6 +55,7 @@ MEMBER, MORTAR, ARC = (
 )
 DECKS = "decks/test_import.py"
 TOGETHER = "decks/test_together.py"
+FORMS = "mesh/test_forms.py"
 PARTS, NUMBERED = (
     "mesh/test_parts.py",
     "check/test_check.py::test_numbered_faces_are_told_and_proposed",
@@ -1179,6 +1180,34 @@ MUTANTS = [
             "functools.reduce(np.intersect1d, nodes)",
             "nodes[0]",
             f"{PARTS}::test_edges_and_corners_of_any_body_may_be_clamped",
+        ),
+        (
+            "a face by what it is has any radius",
+            "mesh/forms",
+            "abs(form.radius - radius) > WITHIN * form.radius",
+            "False",
+            f"{FORMS}::test_a_face_that_is_not_there_is_refused_with_the_nearest",
+        ),
+        (
+            "a face is as far as the surface that it is a part of",
+            "mesh/forms",
+            "gmsh.model.occ.getDistance(0, point, side, tag)[0]",
+            "float(np.linalg.norm(gmsh.model.getClosestPoint(side, tag, at)[0] - at))",
+            f"{FORMS}::test_faces_in_one_plane_are_told_apart",
+        ),
+        (
+            "of two faces that are equally near one is taken",
+            "mesh/forms",
+            "len(equal) > 1 and",
+            "False and",
+            f"{FORMS}::test_a_face_that_is_not_there_is_refused_with_the_nearest",
+        ),
+        (
+            "a point on the axis means one of the halves of a bore",
+            "mesh/forms",
+            "return [fit.tag for fit in equal]",
+            "return [best.tag]",
+            f"{FORMS}::test_a_point_on_the_axis_means_all_around_it",
         ),
         (
             "contacts are fine where a scene wants them coarse",
