@@ -95,7 +95,7 @@ def _check(
         overlaps = _overlaps(assembly)
         bodies, interfaces = _gather(assembly)
         near, folder = drawers(world), world.bcast(folder)
-        with agreed(world):
+        with agreed(world, asleep=True):
             boundaries = {name: body.boundary for name, body in bodies.items()}
             missing = list(find_missing(boundaries, scene.rigid, scene.contact))
             for line in _page(assembly, bodies, interfaces, missing, free, ranks):

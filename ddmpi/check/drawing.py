@@ -29,6 +29,7 @@ from ddmpi.pictures.sheet import (
     above,
     colours_of,
     rounded,
+    save,
     start_drawing,
 )
 from ddmpi.pictures.views import Paint, Skin, Surface, View
@@ -203,7 +204,7 @@ def draw(
     with plt.rc_context(STYLE):
         for name, make in islice(pictures.items(), number, None, drawers):
             with writing(folder / name):
-                make().savefig(folder / name, pil_kwargs={"compress_level": 1})
+                save(make(), folder / name)
         plt.close("all")
     return list(pictures)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.pictures.bodies import animate, draw_bodies, draw_error, draw_mechanism, draw_shares
-from ddmpi.pictures.sheet import STYLE, start_drawing
+from ddmpi.pictures.sheet import STYLE, save, start_drawing
 from ddmpi.results.histories import at_step, placed
 from ddmpi.results.tables import Results, read_results, reading
 from ddmpi.scene.mistakes import explain
@@ -61,7 +61,7 @@ def draw_all(
                 try:
                     with writing(drawn[-1]):
                         drawn[-1].unlink(missing_ok=True)  # it may be a link
-                        figure.savefig(drawn[-1], metadata=identity(results.summary))
+                        save(figure, drawn[-1], identity(results.summary))
                 finally:
                     plt.close(figure)
             animated = (

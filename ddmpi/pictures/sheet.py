@@ -1,14 +1,25 @@
 """What all pictures share: colours, axes, placement of points and surfaces, colour bars and names."""
 
+import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import numpy as np
 
 from ddmpi.errors import InputError
-from ddmpi.pictures.views import Paint, Surface, View, is_seen, outlines, rasterise, rim, unhidden
+from ddmpi.pictures.views import (
+    Paint,
+    Surface,
+    View,
+    blocks,
+    is_seen,
+    outlines,
+    rasterise,
+    rim,
+    unhidden,
+)
 from ddmpi.results.tables import Results
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import scaled_unit
@@ -63,6 +74,7 @@ NAMED = 40  # largest number of bodies with names in pictures
 PIXELS = 1100  # pixels of the longer side of a picture of surfaces
 WIDE = 1.4  # pictures wider than this times their height have the colour bar below
 MARGIN = 0.04  # margin around bodies, and of rigid surfaces beyond the part that bodies may touch, over the extent
+RUNS = 3  # zlib's strategy for runs of equal bytes
 LETTERS = 12  # letters of titles for each inch
 LAST = 0.6  # words stand left of places beyond this fraction of a picture's width: a colour bar may follow
 ARM = 0.18  # length of the axes x, y and z over the picture's longer side
@@ -81,9 +93,36 @@ def start_drawing() -> Any:
     if Path(matplotlib.matplotlib_fname()).resolve().parent == Path.cwd():
         matplotlib.rcdefaults()  # settings of the current folder, which may be anybody's, may start LaTeX
     matplotlib.use("agg")
-    from matplotlib import pyplot
+    from matplotlib import artist
 
+    of_keywords = artist.kwdoc
+    try:
+        if "ddmpi.cli.main" in sys.modules:  # nobody asks for help on matplotlib there
+            vars(artist)["kwdoc"] = lambda _: ""  # a third of the time of the import
+        from matplotlib import pyplot
+    finally:
+        vars(artist)["kwdoc"] = of_keywords
     return pyplot
+
+
+def save(figure: Any, file: Path | IO[bytes], metadata: Mapping[str, str] | None = None) -> None:
+    """Write a figure as PNG with text chunks. Not collective.
+
+    It is drawn once: `savefig` draws a figure with a layout twice. Run lengths halve the time of compression, and the
+    file is a sixth larger.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
+
+    dpi, chunks = STYLE["savefig.dpi"], PngInfo()
+    for key, text in (metadata or {}).items():
+        chunks.add_text(key, text)
+    figure.set_dpi(dpi)
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    picture = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB")
+    picture.save(file, format="png", pnginfo=chunks, dpi=(dpi, dpi), compress_type=RUNS)
 
 
 class Sheet:
@@ -218,16 +257,18 @@ class Sheet:
         face, weights, self._depth = rasterise(corners[seen], (height, width))
         covered = face >= 0
         face = seen[face[covered]]
-        colours, ends = np.zeros((len(face), 3)), np.cumsum([0, *number])
-        for surface, start, stop in zip(some, ends[:-1], ends[1:], strict=True):
-            pixels = (face >= start) & (face < stop)
-            colours[pixels] = surface.paint(face[pixels] - start, weights[pixels])[:, :3]
+        ends, light = np.cumsum([0, *number]), np.ones(len(across))
         if self.view.solid:
             darkest = np.repeat([PLAIN if surface.plain else DARKEST for surface in some], number)
             light = darkest + (1.0 - darkest) * np.clip(across @ unit(LIGHT), 0.0, 1.0)
-            colours *= light[face][:, None]
-        image = np.zeros((height, width, 4), np.float32)
-        image[covered] = np.column_stack([colours, np.ones(len(face))])
+        colours = np.full((len(face), 4), 255, np.uint8)
+        for block in blocks(len(face)):
+            for surface, start, stop in zip(some, ends[:-1], ends[1:], strict=True):
+                pixels = block.start + np.flatnonzero((face[block] >= start) & (face[block] < stop))
+                seen_as = surface.paint(face[pixels] - start, weights[pixels])[:, :3]
+                colours[pixels, :3] = 255.0 * light[face[pixels]][:, None] * seen_as
+        image = np.zeros((height, width, 4), np.uint8)
+        image[covered] = colours
         self.axes.imshow(
             image,
             origin="lower",

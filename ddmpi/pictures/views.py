@@ -1,6 +1,6 @@
 """Views of bodies: direction, cut, and hidden surfaces. The plane is seen from the front."""
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -28,7 +28,7 @@ CROSSED = {
 plane; these come first."""
 
 MEETING = 0.02  # edges of cells meet if they are this near to each other, over their length
-CHUNK = 2_000_000  # number of candidate pixels per block of work
+CHUNK = 100_000  # number of candidate pixels per block of work
 
 Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """The colours (p, 3 or 4) of places on facets (p,), with barycentric coordinates (p, 3)."""
@@ -211,7 +211,9 @@ def rasterise(
     """
     # b and c, barycentric coordinates of a facet's second and third corner, depth and distance to the cut are linear in
     # x and y, so each row of pixels of a facet is an interval: a, b, c ≥ 0, and not beyond the cut
-    face, nearest, last = (np.full(shape[0] * shape[1], value) for value in (-1, -np.inf, -1))
+    face, nearest, last = (
+        np.full(shape[0] * shape[1], value) for value in (np.int32(-1), -np.inf, np.int32(-1))
+    )
     x, y, z, cut = corners[:, 0].T
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     double = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
@@ -253,10 +255,18 @@ def rasterise(
         shown = np.flatnonzero((last[at] == np.arange(len(at))) & (depth > nearest[at]))
         face[at[shown]], nearest[at[shown]] = facet[line[shown]], depth[shown]
     covered = np.flatnonzero(face >= 0)
-    facet, (up, across) = face[covered], np.divmod(covered, shape[1])
-    up, across = up + 0.5 - y[facet], across + 0.5 - x[facet]
-    b, c = (gradient[0, facet] * across + gradient[1, facet] * up for gradient in (of_b, of_c))
-    return face.reshape(shape), np.column_stack([1.0 - b - c, b, c]), nearest.reshape(shape)
+    weights = np.empty((len(covered), 3))
+    for some in blocks(len(covered)):
+        facet, (up, across) = face[covered[some]], np.divmod(covered[some], shape[1])
+        up, across = up + 0.5 - y[facet], across + 0.5 - x[facet]
+        b, c = (gradient[0, facet] * across + gradient[1, facet] * up for gradient in (of_b, of_c))
+        weights[some] = np.column_stack([1.0 - b - c, b, c])
+    return face.reshape(shape), weights, nearest.reshape(shape)
+
+
+def blocks(number: int) -> Iterator[slice]:
+    """The slices of a `number` of pixels that are worked at one after the other."""
+    return (slice(start, start + CHUNK) for start in range(0, number, CHUNK))
 
 
 def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarray:

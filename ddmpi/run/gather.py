@@ -499,7 +499,7 @@ def _write_all(path: Path, solved: Solved, figures: bool, first: bool) -> Output
             if drawn or viewed:  # they show it
                 write_summary(path, solved.summary)
     picture_error = _draw(path, solved) if drawn else None
-    with agreed(world):
+    with agreed(world, asleep=True):
         if first and viewed and not solved.solution.mechanism:
             picture_error = _guarded(write_view, path) or picture_error
     return picture_error
@@ -547,8 +547,10 @@ def _write_tables(path: Path, solved: Solved) -> None:
 def _draw(path: Path, solved: Solved) -> OutputError | None:
     """Draw the pictures on the ranks that share them, where matplotlib is; why they could not be drawn. Collective."""
     world = solved.assembly.world
-    near = drawers(world)
-    with agreed(world), event("Figures"):
+    scene = solved.assembly.scene
+    # each drawer loads matplotlib, which takes as long as one or two pictures
+    near = drawers(world, many=scene.time or len(scene.contact) > 1)
+    with agreed(world, asleep=True), event("Figures"):
         if world.rank in near and has_matplotlib():
             from ddmpi.pictures.draw import draw_all
 
@@ -633,10 +635,10 @@ def _write_contacts(
         write_surface(path, name, surfaces[name])
 
 
-def drawers(world: MPI.Comm) -> list[int]:
-    """The ranks that share the pictures. Collective."""
+def drawers(world: MPI.Comm, many: Any = True) -> list[int]:
+    """The ranks that share the pictures if they are `many`; else the first. Collective."""
     hosts = world.allgather(MPI.Get_processor_name())
-    return [rank for rank, host in enumerate(hosts) if host == hosts[0]][:DRAWERS]
+    return [rank for rank, host in enumerate(hosts) if host == hosts[0]][: DRAWERS if many else 1]
 
 
 def _guarded(draw: Callable[..., object], *arguments: object) -> OutputError | None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ddmpi.errors import InputError
-from ddmpi.pictures.sheet import COLOURS, STYLE, start_drawing
+from ddmpi.pictures.sheet import COLOURS, STYLE, save, start_drawing
 from ddmpi.results.summary import ROWS
 from ddmpi.results.tables import reading
 from ddmpi.sweep.cases import cut
@@ -58,7 +58,7 @@ def draw_plot(folder: Path, plot: str) -> Path:
             )
         result, key = (find_column(word, list(rows[0]), f"--plot {plot}") for word in (result, key))
         figure, picture = draw_curves(rows, result, key, summary), io.BytesIO()
-        figure.savefig(picture, format="png", metadata=identity(summary))
+        save(figure, picture, identity(summary))
         plt.close(figure)
     name = f"{result}-{key}".replace("/", "_")
     path = folder / f"{cut(name, name)}.png"

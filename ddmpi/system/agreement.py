@@ -89,14 +89,21 @@ def explained() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def agreed(world: MPI.Comm) -> Iterator[None]:
-    """Run local work; afterwards all ranks raise the first error that any of them met. Collective."""
+def agreed(world: MPI.Comm, asleep: bool = False) -> Iterator[None]:
+    """Run local work; afterwards all ranks raise the first error that any of them met. Collective.
+
+    Ranks that wait long for others should do so `asleep`: in calls of MPI they take as much processor time as to work.
+    """
     error = None
     try:
         with explained():
             yield
     except DdmpiError as failure:
         error = failure
+    if asleep:
+        done = world.Ibarrier()
+        while not done.Test():
+            time.sleep(0.002)
     agree(world, error)
 
 

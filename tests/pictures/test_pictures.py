@@ -10,6 +10,8 @@ from documented import undocumented
 from matplotlib import image
 from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from PIL import Image
 
 from ddmpi.errors import InputError, OutputError
 from ddmpi.interface.interface import Lines
@@ -19,6 +21,7 @@ from ddmpi.pictures.contacts import draw_contacts
 from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
 from ddmpi.pictures.draw import draw_all, pictures_of
 from ddmpi.pictures.moved import magnify
+from ddmpi.pictures.sheet import STYLE, save
 from ddmpi.results.fields import drawn_facets
 from ddmpi.results.tables import HISTORY, Results, read_results, write_table
 
@@ -75,6 +78,23 @@ def test_there_is_a_picture_of_everything(tmp_path, how, contacts):
     (tmp_path / "again").mkdir()
     for path in draw_all(tmp_path, 0, 2, into=tmp_path / "again"):  # every other one
         assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
+
+
+def test_pictures_are_drawn_once_as_savefig_draws_them(tmp_path, monkeypatch):
+    """With the layout, to the last pixel, and with the same words; matplotlib's own way draws them twice."""
+    results, drawn = made(tmp_path), []
+    draw_of_figure = Figure.draw
+    with plt.rc_context(STYLE):
+        make = draw_bodies, draw_convergence
+        for figure in [function(results) for function in make]:
+            figure.savefig(tmp_path / "other.png", metadata={"Title": "π and more"})
+        monkeypatch.setattr(Figure, "draw", lambda *of: (drawn.append(of), draw_of_figure(*of)))
+        for figure in [function(results) for function in make]:
+            save(figure, tmp_path / "one.png", {"Title": "π and more"})
+    assert len(drawn) == len(make)
+    one, other = (Image.open(tmp_path / f"{name}.png") for name in ("one", "other"))
+    assert (np.asarray(one) == np.asarray(other)[..., :3]).all()
+    assert one.info["dpi"] == other.info["dpi"] and one.text["Title"] == other.text["Title"]
 
 
 def test_pieces_of_a_contact_are_not_joined(tmp_path):

@@ -70,6 +70,19 @@ def test_there_is_a_picture_of_everything(marched, tmp_path):
         assert path.read_bytes() == (marched / path.name).read_bytes(), path.name
 
 
+def test_blocks_of_pixels_leave_no_trace(monkeypatch, still):
+    """The picture is the same in one block and in many."""
+    one, many = (
+        [
+            np.asarray(artist.get_array())
+            for artist in draw_bodies(read_results(still)).axes[0].images
+        ]
+        for chunk in (views.CHUNK * 100, 500)
+        if monkeypatch.setattr(views, "CHUNK", chunk) is None
+    )
+    assert one[0].any() and (one[0] == many[0]).all()
+
+
 def test_load_steps_are_read_as_far_as_they_are_shown(tmp_path, still, marched):
     """Fields of a load step that are not drawn are not read, and without [time] no list of load steps."""
     shutil.copytree(marched, tmp_path / "marched")

@@ -3,13 +3,27 @@
 import re
 
 import scenes
+from mpi4py import MPI
 
 from ddmpi.run.report import _between_nodes, describe_files, grouped, some
+from ddmpi.run.run import run
+from ddmpi.scene.reader import read_scene
 
 
 def test_equal_lines_are_said_once():
     pairs = [("touches", "a"), ("open", "b"), ("touches", "c")]
     assert list(grouped(pairs)) == [("touches", ["a", "c"]), ("open", ["b"])]
+
+
+def test_the_answer_is_told_before_it_is_drawn(tmp_path, monkeypatch, caplog):
+    """Whatever pictures take, nobody waits for them to know it."""
+    caplog.set_level("INFO", "ddmpi")
+    told = []
+    monkeypatch.setattr("ddmpi.pictures.draw.draw_all", lambda *_: told.append(caplog.text))
+    scene = read_scene("scene.toml", scenes.to_toml(scenes.pinched_blocks(4)))
+    run(MPI.COMM_SELF, scene, "scene.toml", str(tmp_path / "out"), True)
+    assert len(told) == 1 and "certified" in told[0] and "largest displacement" in told[0]
+    assert "results in" in caplog.text and "results in" not in told[0]
 
 
 def test_many_names_are_counted():

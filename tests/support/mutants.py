@@ -3666,6 +3666,20 @@ MUTANTS = [
             "pictures/test_pictures_of_solids.py::test_load_steps_are_read_as_far_as_they_are_shown",
         ),
         (
+            "pictures are saved without their words",
+            "pictures/sheet",
+            "chunks.add_text(key, text)",
+            "pass",
+            "pictures/test_pictures.py::test_pictures_are_drawn_once_as_savefig_draws_them",
+        ),
+        (
+            "colours of a block of pixels are those of another",
+            "pictures/sheet",
+            "pixels = block.start + np.flatnonzero",
+            "pixels = np.flatnonzero",
+            "pictures/test_pictures_of_solids.py::test_blocks_of_pixels_leave_no_trace",
+        ),
+        (
             "gaps are not magnified in views",
             "pictures/browser",
             "results.dimension]) + self._s",

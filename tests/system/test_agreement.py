@@ -1,5 +1,7 @@
 """Errors that all ranks raise alike."""
 
+import time
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -26,6 +28,17 @@ def test_what_is_too_large_is_an_error_of_the_solver(work, words):
     with pytest.raises(SolverError, match=words) as error, agreed(MPI.COMM_SELF):
         work()
     assert error.value.agreed
+
+
+@pytest.mark.mpi(ranks=2)
+def test_ranks_that_wait_asleep_take_no_processor_time(comm):
+    """An error of the rank that others wait for is theirs, too."""
+    before = time.process_time()
+    with pytest.raises(SolverError, match="late"), agreed(MPI.COMM_WORLD, asleep=True):
+        if comm.rank:
+            time.sleep(1.0)
+            raise SolverError("late")
+    assert time.process_time() - before < 0.5
 
 
 @pytest.mark.mpi(ranks=2)
