@@ -2,8 +2,10 @@
 
 from types import SimpleNamespace
 
+import bricks
 import numpy as np
 import pytest
+import solids
 from boundaries import mortar, pair, raise_order, rectangle, ring, side, touch
 from made_up_solids import box, tube
 
@@ -149,6 +151,24 @@ def test_normals_at_an_edge_of_a_solid_are_those_of_its_faces(order):
     )
     rim = side(tube((0.5, 1.0), 1.0, order=order), "outer")
     assert rim.fans[..., :2] == pytest.approx(rim.xy[rim.corners][..., :2], abs=1e-3)
+
+
+@pytest.mark.parametrize("made", [bricks.grid, solids.grid])
+@pytest.mark.parametrize("sides", [6, 12, 24, 40])
+def test_normals_of_a_strip_are_those_of_its_cylinder(made, sides):
+    """A single row of facets across tells nothing of the curvature along it; its normals, also at its ends, are radial
+    as those of two rows are. They were off by 9 degrees."""
+    off = []
+    for rows in (1, 2):
+        mesh = made((1, sides, rows))
+        radius, angle, z = mesh.points.T * [[0.3], [np.pi / 2.0], [0.2]]
+        points = np.stack(
+            [(0.3 + radius) * np.cos(angle), (0.3 + radius) * np.sin(angle), z], axis=1
+        )
+        wall = side(Mesh(points, mesh.triangles, mesh.groups), "right")
+        radial = unit((wall.xy[wall.simplices] * [1.0, 1.0, 0.0]).reshape(-1, 3))
+        off.append(np.abs(wall.fans.reshape(-1, 3) - radial).max())
+    assert off[0] < 0.7 * (1.5 / sides) ** 2 and off[0] < 4.0 * off[1]
 
 
 @pytest.mark.parametrize("rise", [0.0, 0.4])

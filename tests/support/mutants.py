@@ -1675,6 +1675,13 @@ MUTANTS = [
             f"{MORTAR}::test_arcs_of_circles_have_their_true_gap",
         ),
         (
+            "fits of a strip take what rounding tells of the curvature along it",
+            "surface/patch",
+            "DETERMINED = 0.0001",
+            "DETERMINED = 1e-10",
+            "interface/test_curved_sides.py::test_normals_of_a_strip_are_those_of_its_cylinder",
+        ),
+        (
             "sides seen through the slave",
             "surface/cover",
             "seen = ~_hidden(chords, fans, on[piece], middle[piece], distance)",
