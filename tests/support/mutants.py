@@ -2668,6 +2668,13 @@ MUTANTS = [
             "methods/test_steps.py::test_the_coarse_problem_holds_motions_however_forces_follow_each_other",
         ),
         (
+            "the coarse problem compares metres with shares of modes",
+            "coupling/coarse",
+            "1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))",
+            "np.ones(len(diagonal))",
+            "coupling/test_coarse.py::test_factors_of_many_blocks_are_sparse",
+        ),
+        (
             "a guide holds along itself",
             "interface/law",
             '(BondedLaw if kind == "bonded" else GuidedLaw)(',
