@@ -356,6 +356,16 @@ class FreeFrame:
         force[0, self.axes] = self.push[: len(self.axes)]
         return self.resists(self.pivot[None], np.eye(len(self.pivot)), force, none)
 
+    def since(self, before: np.ndarray, gone: np.ndarray) -> np.ndarray:
+        """The motions α (j,) (m) from how far it had gone `before`, see `Freed`, to how far it has `gone`."""
+        d, about = len(self.pivot), self.part.pivot if self.part else None
+        then, now = (
+            Frame.of(far[:d]).after(Frame.of(0.0 * far[:d], far[d:], about))
+            for far in (before, gone)
+        )
+        way, turn = now.at(self.pivot) - then.at(self.pivot), now.after(then.undone).turn
+        return np.concatenate([way[self.axes], np.radians(self.turns @ turn) * self.size])
+
     def gone(self, gone: np.ndarray, frame: Frame, alpha: np.ndarray) -> np.ndarray:
         """How far it has gone, see `Freed`, after motions α (j,) (m) from a frame."""
         shift, by = (

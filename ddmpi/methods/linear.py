@@ -180,7 +180,7 @@ class Linearisation:
         size = space.norm(f)
         for _ in range(ROUNDS):
             more, turn = solve(left, out, size)
-            y, alpha = y + more, alpha + turn
+            y, alpha = y + more, alpha + joint.stays.moving(turn)
             # the true equations, without ε and D at nodes of several contacts
             product = joint.product(outward(y), PURPOSE, aim)
             left = f - inward(product - rigid.spread(alpha)) - layer * y

@@ -57,6 +57,10 @@ NEAR, DEPTH = 0.3, 3
 """Once α moves contacts by less than NEAR of what forces do, up to DEPTH passes before make the next motion of the
 frames, see `_mixed`. Earlier than that, bodies may leave each other."""
 
+BESIDE_TURNS = (
+    1e-6  # weight of the ways that bodies went, where the angles of held turns are put back
+)
+
 FARTHEST = 15.0  # largest turn of a frame in a pass (degrees)
 
 
@@ -256,6 +260,7 @@ class FarMarch(March):
         joint = assembly.joint
         self._d = joint.d = joint.d - sliding
         self.iteration = Iteration(assembly, self.iteration.method, no_report, clock)
+        self._hold(freed)
         outer = self.iteration.outer
         assert isinstance(outer, Newton)
         self.outer = outer
@@ -271,6 +276,20 @@ class FarMarch(March):
             )
         outer.nothing, outer.direct.steps = NOTHING * largest[0], True
         return sliding
+
+    def _hold(self, freed: Freed) -> None:
+        """Hold the motions that nothing determines where they were a step before: turns by the angle, whatever a body
+        has moved, others by its way."""
+        held, assembly, before = self.iteration.held.span, self.assembly, self._now.memory.freed
+        if not held.size:
+            return
+        gone, weights = np.zeros(len(held)), np.ones(len(held))
+        for name, frame in assembly.free.items():
+            at = assembly.joint.slices[name]
+            gone[at] = frame.since(before[name], freed[name])
+            weights[at][: len(frame.axes)] = BESIDE_TURNS
+        back = np.linalg.lstsq(held * weights[:, None], -weights * gone, rcond=None)[0]
+        self.iteration.hold(held @ back)
 
     def _count(self) -> None:
         """Have later passes count products on."""

@@ -181,6 +181,27 @@ def test_a_hinge_balances_its_moment(friction):
     assert answer.summary["certificate"]["equilibrium"] < 1e-10
 
 
+@pytest.mark.parametrize("clear", [0.01, 0.1])
+def test_a_turn_that_nothing_resists_is_put_back(clear):
+    """A disc without friction in a bush that moves by 1.25 radii a step goes along and does not turn, whatever the
+    passes tried; it lies at the bottom, and is stable there."""
+    disc = ring("disc", (0.0, -clear), (0.25, 1.0), (60, 6), volume_force=[0.0, -WEIGHT / np.pi])
+    moves = {"shift": [5.0, 1.5], "history": "push"}
+    bush = ring("bush", (0.0, 0.0), (1.0 + clear, 1.8), (77, 4), clamp=["outer"], motion=moves)
+    scene = {
+        "time": {"points": [1.0, 2.0], "steps": 4, "motions": "far"},
+        "history": {"push": history(1.0, 2.0)},
+        "body": [disc, bush],
+        "contact": [{"bodies": ["disc", "bush"], "on": ["outer", "inner"], "slave": "disc"}],
+    }
+    answer = certified(scene)
+    places = answer.solved.steps.places
+    first, last = (places[time].freed["disc"] for time in (1.0, 2.0))
+    assert last - first == pytest.approx([5.0, 1.5, 0.0], abs=1e-6)
+    assert "turn counterclockwise" in answer.summary["held_motions"][0]["motion"]
+    assert not any("not stable" in warning for warning in answer.summary["warnings"])
+
+
 def test_what_holds_a_free_frame_is_judged():
     """The certificate has the balance of a frame with clamps, beside that of the body in it."""
     residuals = certified(lever()).solved.solution.certificate.equilibrium

@@ -4468,6 +4468,20 @@ MUTANTS = [
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
         ),
         (
+            "held turns stay where passes left them",
+            "run/places",
+            "self._hold(freed)",
+            "pass",
+            "run/test_free_frames.py::test_a_turn_that_nothing_resists_is_put_back",
+        ),
+        (
+            "held motions of a linearisation move contacts",
+            "methods/linear",
+            "alpha + joint.stays.moving(turn)",
+            "alpha + turn",
+            "run/test_free_frames.py::test_a_turn_that_nothing_resists_is_put_back",
+        ),
+        (
             "frames that move do no work",
             "run/places",
             "joules -= 0.5 * sign",
