@@ -59,6 +59,9 @@ RIGID = 1e-6
 """The square of a motion past contacts counts as this fraction of that of the bodies at least: rounding of squares, 1e-8
 of a motion, is then far below `RESISTED` of what it is compared with."""
 
+NONE = 1e-20
+"""Squares below this are rounding: motions move the farthest node of their body by 1."""
+
 LEVERS = 2e-2
 """Most errors of lever arms of loads, over the size of a body, and of the turn that they drive."""
 
@@ -300,7 +303,7 @@ def _unresisted(F: np.ndarray, D: np.ndarray, coarse: bool) -> tuple[np.ndarray,
     """A basis (j, q), orthonormal columns, of the motions with |F v| ≤ η |D v|, by FᵀF and DᵀD; and whether some are
     above `RESISTED`, of `coarse` elements alone."""
     sizes = D.diagonal()
-    own = RIGID * np.where(sizes > 0.0, sizes, 1.0)
+    own = RIGID * np.where(sizes > NONE, sizes, 1.0)
     D = D + np.diag(own)
     most = COARSE if coarse else RESISTED
     if is_definite(F - (CLEAR * most) ** 2 * D):  # all are resisted by more

@@ -258,6 +258,31 @@ def test_a_cell_that_is_pressed_is_confined():
     assert flank.pressure == pytest.approx(nu / (1 - nu) * 1e5 * np.ones(5), rel=1e-7)
 
 
+@pytest.mark.parametrize("elements", [{}, {"elements": "bricks"}], ids=["tetrahedra", "bricks"])
+@pytest.mark.parametrize("order", [1, 2])
+def test_shifts_of_a_cell_in_space_are_held(order, elements):
+    """A layer of cells in two directions is confined along both, and nothing holds its shifts, but to rounding."""
+    mesh = {"shape": "box", "size": [2.0, 2.0, 1.0], "divisions": [4, 4, 2], "order": order}
+    layer = {"name": "layer", "mesh": mesh | elements, "material": STEEL}
+    layer |= {"clamp": [{"on": "bottom", "z": 0.0}], "traction": [{"on": "top", "pressure": 1e6}]}
+    sides = {"x": (["right", "left"], [2.0, 0.0, 0.0]), "y": (["back", "front"], [0.0, 2.0, 0.0])}
+    flanks = [
+        {"name": name, "bodies": ["layer"] * 2, "on": on, "image": {"shift": shift}} | BOND
+        for name, (on, shift) in sides.items()
+    ]
+    answer = certified({"body": [layer], "contact": flanks})
+    moved = [motion["motion"] for motion in answer.summary["held_motions"]]
+    assert moved == [f"layer can move along {axis} without any force" for axis in "xy"]
+    assert answer.summary["undetermined"] == []
+    nu = STEEL["poisson"]
+    for contact in answer.contacts.values():
+        assert contact.normal_force.sum() == pytest.approx(2.0 * nu / (1 - nu) * 1e6, rel=1e-7)
+    heights = answer.bodies["layer"].points[:, 2]
+    sinks = -1e6 * (1 + nu) * (1 - 2 * nu) / (STEEL["young"] * (1 - nu)) * heights
+    found = answer.bodies["layer"].displacement
+    assert found[:, 2] == pytest.approx(sinks, abs=1e-7 * np.abs(sinks).max())
+
+
 @pytest.mark.mpi(ranks=2)
 def test_an_image_is_of_a_body_of_another_rank():
     """Two parts of a sector on two ranks have the answer of one rank."""

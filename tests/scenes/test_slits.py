@@ -56,6 +56,10 @@ CASES = {
     "around an axis": (FLAT._replace(inside=1.0), 2, LOAD, {"friction": FRICTION}),
     "given gap": (FLAT, 1, LOAD, {"gap": "2e-4 * x"}),
     "bonded": (FLAT, 1, LOAD, {"kind": "bonded"}),
+    "bricks": (FLAT._replace(bricks=True), 1, LOAD, {"friction": FRICTION}),
+    "quadratic bricks": (FLAT._replace(bricks=True), 2, LOAD, {"friction": FRICTION}),
+    "solid bricks": (WIDE._replace(bricks=True), 1, SOLID, {"friction": FRICTION}),
+    "quadratic solids": (WIDE, 2, SOLID, {"friction": FRICTION}),
 }
 
 

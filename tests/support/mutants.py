@@ -388,6 +388,20 @@ MUTANTS = [
             f"{HELD}::test_two_free_turns_in_load_steps",
         ),
         (
+            "the rounding of a motion past an image counts as one",
+            "run/held",
+            "np.where(sizes > NONE, sizes, 1.0)",
+            "np.where(sizes > 0.0, sizes, 1.0)",
+            "scenes/test_sectors.py::test_shifts_of_a_cell_in_space_are_held",
+        ),
+        (
+            "a sector turns about its own axis",
+            "judge/motions",
+            "place = _place(hub if of_wheel and hub is not None else axis, size)",
+            "place = _place(axis + 1.0, size)",
+            "scenes/test_sectors.py::test_a_sector_turns_freely_and_does_not_slide",
+        ),
+        (
             "two nodes may have one number",
             "mesh/nodes",
             "if (count > 1).any():",

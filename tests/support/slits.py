@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import meshio
 import numpy as np
 from boundaries import rectangle
+from bricks import grid
 from made_up_solids import box
 
 from ddmpi.mesh.mesh import Mesh
@@ -29,6 +30,7 @@ class Slit(NamedTuple):
     gap : how far its sides are apart at x = 0; they close quadratically to the tip
     aside : how far nodes of the upper side are moved along it, so that they do not match
     inside : the radius of the left end, around an axis
+    bricks : of quadrilaterals or hexahedra
     """
 
     dimension: int = 2
@@ -36,16 +38,20 @@ class Slit(NamedTuple):
     gap: float = 0.0
     aside: float = 0.0
     inside: float = 0.0
+    bricks: bool = False
 
     def halves(self) -> tuple[Mesh, Mesh]:
         """The block below and the one above, with groups low and up beside the slit, and bond where they go on."""
         whole = []
         for below in (True, False):
             start = -HEIGHT if below else 0.0
-            if self.dimension == 2:
-                mesh = rectangle(self.cells, (LENGTH, HEIGHT), (0.0, start))
+            size = (LENGTH, DEPTH, HEIGHT) if self.dimension == 3 else (LENGTH, HEIGHT)
+            if self.bricks:
+                mesh = grid(self.cells, sizes=size).shifted((*[0.0] * (self.dimension - 1), start))
+                mesh = Mesh(mesh.points, mesh.triangles, dict(mesh.groups))
+            elif self.dimension == 2:
+                mesh = rectangle(self.cells, size, (0.0, start))
             else:
-                size = (LENGTH, DEPTH, HEIGHT)
                 mesh = box((0.0, 0.0, start), size, self.cells)
             face = "top" if below else "bottom"
             facets = mesh.groups.pop(face)
@@ -98,7 +104,12 @@ def write(path: Path, mesh: Mesh) -> str:
     groups = [*mesh.groups.values()]
     tags = [np.full(len(group), k) for k, group in enumerate(groups, start=1)]
     tags.append(np.full(len(mesh.triangles), 99))
-    facet, cell = {2: ("line", "triangle"), 3: ("triangle", "tetra")}[d]
+    facet, cell = {
+        (2, 3): ("line", "triangle"),
+        (2, 4): ("line", "quad"),
+        (3, 4): ("triangle", "tetra"),
+        (3, 8): ("quad", "hexahedron"),
+    }[d, mesh.triangles.shape[1]]
     cells = [*((facet, group) for group in groups), (cell, mesh.triangles)]
     data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
     points = np.pad(mesh.points, ((0, 0), (0, 3 - d)))
