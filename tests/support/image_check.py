@@ -200,8 +200,9 @@ def _sides(scene: Scene, results: Results, bodies: dict) -> list[tuple]:
             nodes = np.unique(mesh.groups[on])
             at = mesh.points[nodes] if k == 0 else motion.of(mesh.points[nodes])
             apart = np.linalg.norm(at[:, None] - places[None], axis=2)
-            # rows of quadratic sides in space stand between nodes
-            paired = paired and (k == 1 or bool(apart.min(axis=0).max() < 1e-9))
+            # rows of quadratic sides in space are of several nodes, but for bonds
+            flat = d == 2 or mesh.order == 1 or contact.get("kind") == "bonded"
+            paired &= flat and (k == 1 or bool(apart.min(axis=0).max() < 1e-9))
             rows = nodes[apart.argmin(axis=0)] if paired else None
             found.append((name, body, rows, nodes, motion if k else None))
     return found
