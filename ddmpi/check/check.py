@@ -24,6 +24,7 @@ from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths, locking_of
 from ddmpi.mesh.boundary import parts_of
 from ddmpi.mesh.elements import facet_measures
+from ddmpi.mesh.forms import UNNAMED
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.equilibrium import look_for_mechanism, motions_without_resistance
@@ -186,7 +187,7 @@ def _describe_mesh(mesh: Mesh) -> str:
     """Its nodes, elements and groups, in words."""
     length = edge_lengths(mesh)
     size = _range(length.max(axis=1).min(), length.max())
-    named = [name for name in mesh.groups if not mesh.faces.keys() >= {*parts_of(name, ())}]
+    named = [name for name in mesh.groups if not all(map(UNNAMED.fullmatch, parts_of(name, ())))]
     pieces = f", in {mesh.pieces} pieces that are not connected" * (mesh.pieces > 1)
     return (
         f"{len(mesh.points)} nodes, {len(mesh.triangles)} {mesh.cell.names} of size {size}{pieces}; "
@@ -346,7 +347,8 @@ def _describe_contact(
     )
     if bolt := contact.pretension:
         along = in_words(np.array(bolt.along), 4)
-        yield f"pulled by {bolt.force:g} along {along}{_following(bolt.history)}"
+        force = "a force that is to be given" if bolt.force is None else f"{bolt.force:g}"
+        yield f"pulled by {force} along {along}{_following(bolt.history)}"
 
 
 def _describe_missing(lack: Missing, scene: Settled, taken: set[str]) -> Iterator[str]:

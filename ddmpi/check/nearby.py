@@ -1,23 +1,15 @@
-"""Missing contacts: bodies that lie close to each other without a contact in the scene, in any dimension; and a first
-scene from an assembly that a CAD program has written: its parts, and contacts where they touch."""
+"""Missing contacts: bodies that lie close to each other without a contact in the scene, in any dimension."""
 
-import os
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-import msgspec
 import numpy as np
 from scipy.sparse import csgraph
 
-from ddmpi.errors import TakenError
 from ddmpi.mesh.boundary import SHARPEST, creases, parts_of
-from ddmpi.mesh.build import build_mesh
-from ddmpi.mesh.geometry import list_parts
 from ddmpi.mesh.mesh import Face, Mesh
-from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.scene.reader import write_toml
 from ddmpi.surface.cut import FACING
@@ -30,12 +22,6 @@ NUMBERS = re.compile(r"\d+(\+\d+)*")  # a number of a face, or several together
 
 ASIDE = 0.5
 """The nearest point lies before a facet: offset by at most this times its distance, but for rounding."""
-
-STEEL = {"young": 210000.0, "poisson": 0.3}
-"""The material of all parts until a user says otherwise (MPa); gmsh reads CAD files in millimetres."""
-
-NAMELESS = "Open CASCADE STEP translator"  # beginning of the labels of parts to which nobody has given a name
-FINE = 10.0  # a part's extent over the size of its elements, which are quadratic, and half as large at contacts
 
 
 @dataclass(frozen=True)
@@ -128,14 +114,22 @@ class Missing(NamedTuple):
             called.append(parts if len(parts) > 1 else parts[0])
         return called
 
-    def lines(self, taken: set[str]) -> str:
-        """The TOML of the contact, with a name that is not among those `taken`, which gets this one."""
-        first, k = default_name(self.bodies), 1
-        while (name := first if k == 1 else f"{first}-{k}") in taken:
-            k += 1
-        taken.add(name)
-        entry = {"name": name if k > 1 else None, "bodies": self.bodies, "on": self.sides}
+    def lines(self, taken: set[str], called: str = "", **more: Any) -> str:
+        """The TOML of the contact, with a name that is not among those `taken`, which gets this one, and `more` keys."""
+        name = free_name(called or default_name(self.bodies), taken)
+        named = name if name != default_name(self.bodies) else None
+        entry = {"name": named, "bodies": self.bodies, "on": self.sides} | more
         return write_toml({"contact": [entry]}).strip()
+
+
+def free_name(first: str, taken: set[str]) -> str:
+    """A name that is not among those `taken`, which gets it: the first one, or else with a number."""
+    k, name = 1, first
+    while name in taken:
+        k += 1
+        name = f"{first}-{k}"
+    taken.add(name)
+    return name
 
 
 class _Nearest:
@@ -306,63 +300,3 @@ def _together(
     )
     for k in range(number):
         yield [pair for pair, of in zip(pairs, label, strict=True) if of == k]
-
-
-def draft_scene(assembly: str | Path, output: str | Path) -> str:
-    """Write ``scene.toml`` for a .step or .brep file into a folder: a body for each part, and a contact where two face
-    each other closely. What was taken, what was assumed and what is to be added, in words. Not collective.
-
-    Raises InputError for a file that gmsh cannot read or mesh, and TakenError where a scene would be overwritten.
-    """
-    path, folder = Path(assembly).resolve(), Path(output)
-    target = folder / "scene.toml"
-    if os.path.lexists(target):
-        raise TakenError(
-            f"{target} is there already; nothing is overwritten; choose another --output"
-        )
-    dimension, parts = list_parts(path, path.name)
-    bodies, words, boundaries = list[dict](), list[str](), dict[str, Boundary]()
-    labels = [label for _, label, _ in parts]
-    for number, label, extent in parts:
-        alone = labels.count(label) == 1 and bool(label) and not label.startswith(NAMELESS)
-        name = re.sub(
-            r"[.=/\s\x00-\x1f\x7f]+", "_", "part" if label.startswith(NAMELESS) else label
-        )[:80].strip("_")
-        name = name if alone and name and name not in boundaries else f"{name or 'part'}_{number}"
-        size = float(f"{extent / FINE:.1g}")
-        mesh = {
-            "geometry": str(path),
-            "part": label if alone else number,
-            "size": size,
-            "contact_size": size / 2,
-            "order": 2,
-        }
-        body = {"name": name, "mesh": mesh, "material": STEEL}
-        boundaries[name] = Boundary.of(
-            build_mesh(msgspec.convert(body, BodySpec).settled(1, dimension))
-        )
-        words.append(f"  part {number}: {name}, quadratic elements of {size:g} mm")
-        bodies.append(body | {"mesh": mesh | {"geometry": os.path.relpath(path, folder.resolve())}})
-    near, taken = find_missing(boundaries, [], []), set[str]()
-    missing = [lack for lack in near if lack.bodies[0] != lack.bodies[1]]
-    units = {"length_unit": "mm", "stress_unit": "MPa"}
-    text = write_toml({"title": path.stem, "body": bodies, "output": units})
-    contacts = "".join(f"\n{lack.lines(taken)}\n" for lack in missing)
-    folder.mkdir(parents=True, exist_ok=True)
-    target.write_text(
-        f"# from {path.name}; assumed: steel, MPa and mm; to be added: clamps, loads, friction\n"
-        f"{text}{contacts}",
-        encoding="utf-8",
-    )
-    return "\n".join(
-        [
-            "taken:",
-            *words,
-            *(f"  contact of {' and '.join(lack.bodies)}: on = {lack.sides}" for lack in missing),
-            "assumed:",
-            f"  young = {STEEL['young']:g} MPa, poisson = {STEEL['poisson']:g}, lengths in mm",
-            "to be added:",
-            f"  materials, clamps, loads and friction, on faces by their numbers: ddmpi check {target}",
-            f"{target}: {len(bodies)} bodies, {len(missing)} contacts",
-        ]
-    )

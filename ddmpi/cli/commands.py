@@ -182,7 +182,7 @@ def _import(options: argparse.Namespace) -> None:
 
     with writing(Path(options.output)):  # it may be a file, or closed to us
         if options.deck.lower().endswith(GEOMETRIES[1:]):  # an assembly; a .geo is a script
-            from ddmpi.check.nearby import draft_scene
+            from ddmpi.check.draft import draft_scene
 
             print(draft_scene(options.deck, options.output))
             return

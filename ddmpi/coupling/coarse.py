@@ -114,7 +114,7 @@ class Driven:
             f"pretension of {contact.name}",
             bolt.history,
             along,
-            np.array([bolt.force]),
+            np.array([bolt.force or 0.0]),  # a check does without
             0.0 * along[0],
             np.eye(0),
             along[:0],

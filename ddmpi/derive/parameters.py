@@ -156,7 +156,7 @@ def _of_contact(
 ) -> Parameter:
     """A pretension, a coefficient or bound of friction, or a gap."""
     pretension = contact.pretension
-    if pretension and key[0] == "pretension":
+    if pretension and pretension.force is not None and key[0] == "pretension":
         force = blank.force.copy()
         for each in assembly.joint.driven:
             if each.bond == contact.name:

@@ -181,23 +181,26 @@ def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int
     """
 
     @functools.cache
-    def of_file(path: Path, name: str, drawn: bool, part: str | None) -> tuple[int, int]:
-        if drawn:
-            from ddmpi.mesh.geometry import list_parts
-
-            return list_parts(path, f"body.{name}.mesh.geometry: {path}")[0], 1
-
+    def of_file(path: Path, name: str, part: str | None) -> tuple[int, int]:
         from ddmpi.mesh.read import file_kind
 
         return file_kind(path, name, part)
 
+    drawings = dict[Path, int]()  # of which no name tells more
+
+    def kind(body: BodySpec) -> tuple[int, int]:
+        path = locate_mesh(body, folder)
+        if not body.mesh.geometry:
+            part = None if body.mesh.part is None else str(body.mesh.part)
+            return of_file(path, body.name, part)
+        if path not in drawings:
+            from ddmpi.mesh.geometry import dimension_of
+
+            drawings[path] = dimension_of(path, f"body.{body.name}.mesh.geometry: {path}")
+        return drawings[path], 1
+
     folder = Path(scene_path).parent
-    return lambda body: of_file(
-        locate_mesh(body, folder),
-        body.name,
-        bool(body.mesh.geometry),
-        None if body.mesh.part is None else str(body.mesh.part),
-    )
+    return kind
 
 
 def locate_mesh(body: BodySpec, folder: Path) -> Path:

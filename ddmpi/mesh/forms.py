@@ -193,13 +193,29 @@ def _words(gmsh, k: int, tag: int) -> str:
     return f"{words} at {at}".replace("e+", "e")  # a + puts names together
 
 
+def inner_points(gmsh, tag: int) -> np.ndarray:
+    """Points (n, 3) on a face, within it and at its corners, in an order that does not matter."""
+    low, high = gmsh.model.getParametrizationBounds(2, tag)
+    grid = low + _grid(5) * (high - low)
+    within = [at for at in grid if gmsh.model.isInside(2, tag, at, parametric=True)]
+    corners = gmsh.model.getBoundary([(2, tag)], recursive=True)
+    at = [gmsh.model.getValue(0, corner, []) for _, corner in corners]
+    at += [gmsh.model.getValue(2, tag, parameters) for parameters in within]
+    return np.reshape(at, (-1, 3))
+
+
+def _grid(count: int) -> np.ndarray:
+    """Points (count², 2) between 0 and 1."""
+    steps = (np.arange(count) + 0.5) / count
+    return np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+
+
 def _inside(gmsh, k: int, tag: int) -> tuple[np.ndarray, np.ndarray]:
     """A point within a curve or a face and about in its middle, by its parameters (k,) and its place (3,)."""
     low, high = gmsh.model.getParametrizationBounds(k, tag)
     middle = (low + high) / 2
     for count in GRIDS if k == 2 else ():
-        steps = (np.arange(count) + 0.5) / count
-        grid = low + np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2) * (high - low)
+        grid = low + _grid(count) * (high - low)
         away = (np.abs(grid - middle) / (high - low)).max(axis=1)
         for at in grid[np.argsort(away, kind="stable")]:
             if gmsh.model.isInside(2, tag, at, parametric=True):

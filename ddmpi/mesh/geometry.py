@@ -9,9 +9,10 @@ import contextlib
 import os
 import re
 import tempfile
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -35,6 +36,8 @@ from ddmpi.mesh.shapes import draw_shape
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.meshes import AROUND, MeshSpec
 from ddmpi.system.interrupt import apart
+
+T = TypeVar("T")
 
 TRUST = "DDMPI_TRUST_GEOMETRY"
 """The environment variable that allows drawings to start programs and write files, if it is 1."""
@@ -134,27 +137,30 @@ def mesh_geometry(
         )
 
 
-def list_parts(path: Path, label: str) -> tuple[int, list[tuple[int, str, float]]]:
-    """The dimension of a drawing, 3 if it has volumes, else 2, and of each of its bodies the number, the label, or "",
-    and the extent (m). Not collective. Raises InputError, which begins with `label`, for a file that gmsh cannot read.
-    """
+def dimension_of(path: Path, label: str) -> int:
+    """The dimension of a drawing, 3 if it has volumes, else 2. Not collective. Raises InputError, which begins with
+    `label`, for a file that gmsh cannot read."""
+    return in_drawing(_dimension, path, label)
+
+
+def in_drawing(look: Callable[[Any], T], path: Path, label: str) -> T:
+    """What a function of a module finds with gmsh in a drawing that has a body. Not collective. Raises InputError, which
+    begins with `label`, for a file that gmsh cannot read."""
     with _opened(path, label) as (folder, source):
-        script = path.suffix.lower() == ".geo"
-        d, parts = apart(
-            folder, _list_parts, source, script, label, doing=f"gmsh is reading {path.name}"
-        )
-        return d, parts
+        script, doing = path.suffix.lower() == ".geo", f"gmsh is reading {path.name}"
+        found: T = apart(folder, _look, look, source, script, label, doing=doing)
+        return found
 
 
-def _list_parts(source: Path, script: bool, label: str) -> tuple[int, list[tuple[int, str, float]]]:
+def _look(look: Callable[[Any], T], source: Path, script: bool, label: str) -> T:
     with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be read"):
         gmsh.open(str(source))
         _refuse_no_body(gmsh, script, label)
-        d = max(gmsh.model.getDimension(), 2)
-        return d, [
-            (tag, gmsh.model.getEntityName(d, tag).split("/")[-1], extent(gmsh, d, tag))
-            for _, tag in gmsh.model.getEntities(d)
-        ]
+        return look(gmsh)
+
+
+def _dimension(gmsh) -> int:
+    return max(int(gmsh.model.getDimension()), 2)
 
 
 def _refuse_no_body(gmsh, script: bool, label: str) -> None:

@@ -188,13 +188,13 @@ class Pretension(Table, frozen=True, kw_only=True):
     Attributes
     ----------
     force : on the first body, along ``along`` (N, in the plane per unit of depth, around an axis of the whole
-        circumference); positive pulls it towards where ``along`` points
+        circumference); positive pulls it towards where ``along`` points; left out, nothing but a check can be done
     along : direction of the force and of the offset, of any length
     history : [history.NAME] whose factor multiplies the force until its last time, from which on the offset stays;
         left out, the force is given throughout
     """
 
-    force: Number
+    force: Number | None = None
     along: Point
     history: Name | None = None
 

@@ -7,9 +7,9 @@ import pytest
 from mpi4py import MPI
 from test_check import drawn_parts
 
-from ddmpi.check import nearby
+from ddmpi.check import draft
 from ddmpi.check.check import check
-from ddmpi.check.nearby import draft_scene
+from ddmpi.check.draft import draft_scene
 from ddmpi.errors import InputError, NotConvergedError, TakenError
 from ddmpi.mesh.build import kind_of_files
 from ddmpi.scene.reader import read_scene_file
@@ -18,7 +18,7 @@ from ddmpi.scene.reader import read_scene_file
 @pytest.mark.slow
 def test_an_assembly_becomes_a_scene(tmp_path, caplog, monkeypatch):
     """Its parts are bodies by name, or else by number, with contacts where they touch; check proposes no others."""
-    monkeypatch.setattr(nearby, "FINE", 2.0)
+    monkeypatch.setattr(draft, "FINE", 2.0)
     drawn_parts(tmp_path)
     step = tmp_path / "all.step"
     step.write_text(

@@ -8,7 +8,7 @@ import pytest
 from scenes import call, run_here, write_scene
 from solid_scenes import box
 
-from ddmpi.check.nearby import draft_scene
+from ddmpi.check.draft import draft_scene
 from ddmpi.errors import InputError
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import MeshSpec

@@ -55,7 +55,7 @@ MEMBER, MORTAR, ARC = (
 )
 DECKS = "decks/test_import.py"
 TOGETHER = "decks/test_together.py"
-FORMS = "mesh/test_forms.py"
+IMPORTED, EQUAL, FORMS = "check/test_bolts.py", "mesh/test_alike.py", "mesh/test_forms.py"
 PARTS, NUMBERED = (
     "mesh/test_parts.py",
     "check/test_check.py::test_numbered_faces_are_told_and_proposed",
@@ -1196,6 +1196,27 @@ MUTANTS = [
             f"{PARTS}::test_edges_and_corners_of_any_body_may_be_clamped",
         ),
         (
+            "solids are equal whose points are not",
+            "mesh/alike",
+            "if away > near:",
+            "if False:",
+            f"{EQUAL}::test_a_shape_of_equal_numbers_is_no_copy",
+        ),
+        (
+            "the axis of a copy stands elsewhere",
+            "mesh/alike",
+            "np.tan(np.radians(angle) / 2)",
+            "np.tan(np.radians(angle))",
+            f"{EQUAL}::test_equal_solids_are_copies_and_mirror_images_are_not",
+        ),
+        (
+            "mirror images are copies",
+            "mesh/alike",
+            "yield (_basis(there[a], asides[1]) @ _basis(here[first], asides[0]).T)",
+            "yield (np.linalg.qr(here.T @ there)[0])",
+            f"{EQUAL}::test_equal_solids_are_copies_and_mirror_images_are_not",
+        ),
+        (
             "a face by what it is has any radius",
             "mesh/forms",
             "abs(form.radius - radius) > WITHIN * form.radius",
@@ -1261,8 +1282,8 @@ MUTANTS = [
         (
             "drawings are of order 0",
             "mesh/build",
-            "path}')[0], 1)",
-            "path}')[0], 0)",
+            "return (drawings[path], 1)",
+            "return (drawings[path], 0)",
             "mesh/test_solid_geometry.py::test_drawings_say_the_dimension",
         ),
         # body
@@ -2761,8 +2782,8 @@ MUTANTS = [
         (
             "a pretension pushes",
             "coupling/coarse",
-            "np.array([bolt.force]), 0.0",
-            "-np.array([bolt.force]), 0.0",
+            "np.array([bolt.force or 0.0]), 0.0",
+            "-np.array([bolt.force or 0.0]), 0.0",
             f"{BOLTS}::test_a_bar_that_is_pulled_in_the_middle",
         ),
         (
@@ -4814,6 +4835,34 @@ MUTANTS = [
         ),
         # check, cli
         ("a bore is a shaft", "check/check", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
+        (
+            "a pin that fits its hole from the head on is a bolt",
+            "check/bolts",
+            "if far and",
+            "if far or",
+            f"{IMPORTED}::test_bolts_are_found_by_their_faces",
+        ),
+        (
+            "a bolt pushes its head away",
+            "check/bolts",
+            "-way * self.round.axis",
+            "way * self.round.axis",
+            f"{IMPORTED}::test_bolts_are_found_by_their_faces",
+        ),
+        (
+            "a wider hole is a thread",
+            "check/bolts",
+            "self.around(hole) and self.is_like(hole)",
+            "self.around(hole)",
+            f"{IMPORTED}::test_bolts_are_found_by_their_faces",
+        ),
+        (
+            "a bolt without a force is run",
+            "run/run",
+            "if bolt.pretension and bolt.pretension.force is None",
+            "if False",
+            f"{IMPORTED}::test_an_assembly_with_a_bolt_becomes_a_scene_that_lacks_a_force",
+        ),
         (
             "the halves of a bore are two contacts",
             "check/nearby",
