@@ -8,7 +8,7 @@ import io
 import json
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     import argparse
 
     from mpi4py import MPI
+
+
+Command = Callable[["MPI.Comm", "argparse.Namespace", list[str]], None]
 
 
 def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
@@ -233,12 +236,25 @@ def _alone(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> No
             ALONE[options.command](options)
 
 
+def _keeping(work: Command) -> Command:
+    """A command that keeps meshes of drawings beside its results."""
+
+    def keeping(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
+        with loading():
+            from ddmpi.mesh.cache import beside
+
+        with beside(options.output or getattr(options, "restart", None)):
+            work(world, options, petsc)
+
+    return keeping
+
+
 COMMANDS = {
-    "run": _run,
-    "converge": _run,
-    "check": _check,
-    "sweep": _sweep,
-    "limit": _limit,
+    "run": _keeping(_run),
+    "converge": _keeping(_run),
+    "check": _keeping(_check),
+    "sweep": _keeping(_sweep),
+    "limit": _keeping(_limit),
 } | dict.fromkeys(ALONE, _alone)
 
 

@@ -19,6 +19,7 @@ from ddmpi.errors import InputError, naming
 from ddmpi.interface.rows import holds_along
 from ddmpi.kept.kept import Kept
 from ddmpi.mesh.build import build_mesh, content
+from ddmpi.mesh.cache import opened
 from ddmpi.mesh.mesh import MEASURE, Mesh, signed_measures
 from ddmpi.mesh.refine import Sizes
 from ddmpi.scene.bodies import SettledBody
@@ -82,7 +83,8 @@ def mesh_bodies(share: Share, folder: Path, sizes: Mapping[str, Sizes]) -> None:
     """Mesh this rank's bodies, so that they have the groups of their contacts. Not collective. Raises InputError and
     InterruptionError."""
     for part in share.parts:
-        part.mesh = _mesh(share, part, folder, sizes.get(part.spec.name))
+        with opened(share.scene.output.cache):
+            part.mesh = _mesh(share, part, folder, sizes.get(part.spec.name))
         for contact, side in part.touching:
             with naming(f"contact.{contact.name}.on"):
                 part.mesh.facets(contact.on[side])

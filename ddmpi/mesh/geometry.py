@@ -9,12 +9,14 @@ import contextlib
 import os
 import re
 import tempfile
+import time
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from msgspec.structs import asdict
 
 from ddmpi.errors import InputError, nearest
 from ddmpi.mesh.boundary import (
@@ -27,6 +29,7 @@ from ddmpi.mesh.boundary import (
     parts_of,
     samples,
 )
+from ddmpi.mesh.cache import keep, name_of, recall
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.forms import name_sides
 from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh
@@ -120,18 +123,15 @@ def mesh_geometry(
         if path
         else f"body.{body.name}.mesh: the {body.mesh.shape}"
     )
+    script = path is None or path.suffix.lower() == ".geo"
     with _opened(path, label) as (folder, source):
-        faces = apart(
-            folder,
-            _draw,
-            source,
-            path is None or path.suffix.lower() == ".geo",
-            body,
-            contacts,
-            sizes,
-            label,
-            doing=f"body.{body.name}: gmsh is meshing {path.name if path else body.mesh.shape}",
-        )
+        groups = [*contacts], [acting.on for _, acting in body.acting]
+        name = name_of(folder, script, asdict(body.mesh), groups, sizes) * (not _trusted())
+        faces, begun = recall(name, folder / DRAWN), time.monotonic()
+        if faces is None:
+            doing = f"body.{body.name}: gmsh is meshing {path.name if path else body.mesh.shape}"
+            faces = apart(folder, _draw, source, script, body, contacts, sizes, label, doing=doing)
+            keep(name, folder / DRAWN, faces, time.monotonic() - begun)
         return replace(
             read_mesh(folder / DRAWN, body.name, body.mesh.order or 1, label), faces=faces
         )
@@ -221,6 +221,11 @@ def _copy(path: Path, copies: dict[Path, Path], folder: Path, label: str) -> Pat
     return copy
 
 
+def _trusted() -> bool:
+    """Whether drawings may do what they like, such as read files whose names nobody knows before."""
+    return os.environ.get(TRUST) == "1"
+
+
 def _content(path: Path, label: str) -> bytes:
     if path.exists() and not path.is_file() and not path.is_dir():  # a pipe has no end
         raise InputError(f"{label}: {path} is no file")
@@ -233,7 +238,7 @@ def _content(path: Path, label: str) -> bytes:
 def _tamed(script: bytes, path: Path, copies: dict[Path, Path], folder: Path, label: str) -> bytes:
     """The `script` without comments, and with copies of the files that it names. Raises InputError for a harmful one.
     Comments go because gmsh skips loops and conditions by other rules than those by which it reads them."""
-    if os.environ.get(TRUST) == "1":
+    if _trusted():
         return b'Include "%b";\n' % os.fsencode(path)
     script = SKIPPED.sub(lambda match: match[1] or b" " + b"\n" * match[0].count(b"\n"), script)
 

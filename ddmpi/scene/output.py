@@ -83,6 +83,8 @@ class Output(Table, frozen=True, kw_only=True):
     derivatives : keys by which the answer is differentiated; see docs/use/derivatives.md
     errors : results whose errors by the mesh are told, such as "contacts.fit.normal_force", or "main"; see
         docs/use/accuracy.md
+    cache : meshes of drawings that take longer than a second are kept for later commands, in .ddmpi-meshes beside the
+        folder of results, or in the folder that is named, seen from there; false for none
     """
 
     only: Literal["contacts"] | None = None
@@ -100,6 +102,7 @@ class Output(Table, frozen=True, kw_only=True):
     cut: Cut | None = None
     derivatives: list[str] = []
     errors: Literal["main"] | list[str] = []
+    cache: bool | Annotated[str, msgspec.Meta(min_length=1)] = True
 
     def __post_init__(self) -> None:
         for key in ("error", "animation", "view"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from ddmpi.errors import InputError
 from ddmpi.petsc.harmless import check_petsc
 from ddmpi.scene.values import Number
@@ -14,9 +16,15 @@ def refuse_reaching(path: str, data: dict) -> str:
     """Refuse what a scene may not ask for, as whoever starts a run may: PETSc's options that reach beyond it, and code.
 
     Returns the class that the scene names as method.outer, which is taken out of the data; empty if there is none.
-    Raises InputError for the options.
+    Raises InputError for the options, and for a folder of meshes elsewhere.
     """
-    method, options = data.get("method"), data.get("petsc")
+    method, options, output = data.get("method"), data.get("petsc"), data.get("output")
+    cache = output.get("cache") if isinstance(output, dict) else None
+    if isinstance(cache, str) and (Path(cache).is_absolute() or ".." in Path(cache).parts):
+        raise InputError(
+            f"{path}: output.cache: a scene may name a folder beside its results alone, without ..; for the folder "
+            f"{cache!r} start with --set output.cache={cache}"
+        )
     try:
         check_petsc(options if isinstance(options, dict) else {})
     except ValueError as error:

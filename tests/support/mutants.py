@@ -3715,6 +3715,27 @@ MUTANTS = [
             "pictures/test_pictures_of_solids.py::test_load_steps_are_read_as_far_as_they_are_shown",
         ),
         (
+            "a damaged kept mesh is believed",
+            "mesh/cache",
+            "if mac != _mac(data):",
+            "if not mac:",
+            "mesh/test_cache.py::test_a_damaged_mesh_is_told_and_made_again",
+        ),
+        (
+            "a kept mesh does not depend on what the drawing includes",
+            "mesh/cache",
+            "sorted(folder.glob('*'))}",
+            "sorted(folder.glob('0*'))}",
+            "mesh/test_cache.py::test_a_drawing_is_meshed_once",
+        ),
+        (
+            "meshes are kept in folders that links lead to",
+            "mesh/cache",
+            "if folder.resolve() != parent.resolve() / name:",
+            "if not name:",
+            "mesh/test_cache.py::test_links_lead_nowhere",
+        ),
+        (
             "pictures are saved without their words",
             "pictures/sheet",
             "chunks.add_text(key, text)",
