@@ -74,6 +74,9 @@ SOLIDS = re.compile(r"(C3D(4|6|8|10|15|20)(R|I|RI|T)?|(CAX|CPE|CPS)\d+R?)$")
 GIVEN = {"beamuamp": ["QUADRATIC=0,0,0.5,0.25,1,1"]}
 """Amplitudes of routines of a user, which a deck does not have: as `--amplitude` of `ddmpi import` gives them."""
 
+GLOBAL = re.compile(r"^\*NODE *PRINT.*GLOBAL *= *YES", re.IGNORECASE | re.MULTILINE)
+"""A deck that prints along x, y and z."""
+
 HARD = 100
 """CalculiX's contact is a penalty; where a deck differs, it is compared with this many times the stiffness, too."""
 
@@ -122,6 +125,13 @@ def printed(deck: Path) -> dict[int, list[float]]:
         elif own is not None and len(words) == 4:
             own[int(words[0])] = [float(word) for word in words[1:]]
     return found[max(found)] if found else {}
+
+
+def along_axes(importer: Importer, node: int, u: list[float], text: str) -> list[float]:
+    """A displacement that the deck prints, along x, y and z: at nodes of a *TRANSFORM it is along theirs."""
+    if node not in importer.model.transforms or GLOBAL.search(text):
+        return u
+    return list(sum(value * importer.acts.way(node, k) for k, value in enumerate(u, start=1)))
 
 
 def stiffer(text: str) -> str:
@@ -231,7 +241,9 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
     importer = Importer(deck, GIVEN.get(deck.stem, []))
     pieces = importer.pieces
     nodes = {node % STRIDE for piece in pieces for node in piece.nodes.tolist()}
-    reference = {node: u for node, u in printed(deck).items() if node in nodes}
+    reference = {
+        node: along_axes(importer, node, u, text) for node, u in printed(deck).items() if node in nodes
+    }
     if importer.model.left_out:  # the last displacements are modes of the steps that are left out
         text, reference = static_part(text), {}
     if not any(any(u) for u in reference.values()):
