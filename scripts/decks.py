@@ -242,7 +242,9 @@ def tried(deck: Path, folder: Path) -> tuple[str, str]:
     pieces = importer.pieces
     nodes = {node % STRIDE for piece in pieces for node in piece.nodes.tolist()}
     reference = {
-        node: along_axes(importer, node, u, text) for node, u in printed(deck).items() if node in nodes
+        node: along_axes(importer, node, u, text)
+        for node, u in printed(deck).items()
+        if node in nodes
     }
     if importer.model.left_out:  # the last displacements are modes of the steps that are left out
         text, reference = static_part(text), {}
