@@ -70,8 +70,8 @@ def basis_of(
 
 
 def stiffness_of(mesh: Mesh, material: Material) -> sparse.csr_matrix:
-    """K of the whole body, no dof clamped."""
-    basis, numbers = basis_of(mesh)
+    """K of the whole body, no dof clamped, by the full rule of its elements."""
+    basis, numbers = basis_of(mesh, 2 + mesh.order)
     K = asm(linear_elasticity(*material.lame), basis).tocoo()
     return sparse.csr_matrix((K.data, (numbers[K.row], numbers[K.col])), K.shape)
 
