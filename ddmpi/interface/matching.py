@@ -16,7 +16,7 @@ from ddmpi.interface.interface import Interface, Lines, Partner
 from ddmpi.interface.rows import Rows, build, without_rounding
 from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import links
-from ddmpi.mesh.elements import CELLS, circumference, facet_measures
+from ddmpi.mesh.elements import CELLS, circumference, facet_measures, facet_shares
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import DEEPEST, cover
 from ddmpi.surface.cut import FACING, Cover, stretch
@@ -99,9 +99,11 @@ def pair(first: Side, second: Side, contact: SettledContact, refinement: int = 1
 def by_coefficients(rows: Rows) -> Rows:
     """Rows at all nodes of quadratic facets in space that match: of the coefficients of their Bernstein polynomials.
 
-    Displacements are Σ β_j b_j with b = λ_i² at corners and 2 λ_i λ_j at middles: β is the displacement u_i of a corner,
-    and 2 u_m − ½ (u_i + u_j) of a middle. All b have a third of a facet's area over 2 as integral, so that forces are
-    pressures times areas, unlike those of nodes, which are zero at corners.
+    Displacements are Σ β_j b_j, along edges with λ_i² of corners and 2 λ_i λ_j of middles for b: β is the displacement
+    u_i of a corner, and 2 u_m − ½ (u_i + u_j) of a middle. Over a triangle all b have a sixth of its area as integral;
+    over a rectangle with 0 ≤ ξ, η ≤ 1 they are (1 − ξ)(1 − η)(1 − ξ − η) of the first corner, with a twelfth, and
+    2 ξ (1 − ξ)(1 − η) of the first middle, with a sixth. So forces are pressures times areas, unlike those of nodes,
+    which are zero or negative at corners.
     """
     side, size = rows.sides[rows.slave], len(rows.nodes)
     edges = side.facets[rows.seen][:, side.cell.edges].reshape(-1, 3)
@@ -311,9 +313,12 @@ def _lengths(side: Side, some: np.ndarray | None = None) -> np.ndarray:
     """Nodal lengths (k,) over `some` facets (f,) bool or all, of `by_coefficients` on quadratic ones in space."""
     if side.cell.bears:
         return side.area if some is None else side.lengths_over(some)
-    some = np.ones(len(side.facets), bool) if some is None else some
-    facets = side.facets[some]
-    return nodal(np.repeat(side.lengths[some, None] / 6.0, 6, axis=1), facets, len(side.nodes))
+    facets = side.facets if some is None else side.facets[some]
+    shares = facet_shares(side.xy[facets])
+    for start, end, middle in side.cell.edges:
+        shares[:, middle] /= 2.0
+        shares[:, [start, end]] += shares[:, [middle]] / 2.0
+    return nodal(shares, facets, len(side.nodes))
 
 
 def _unmatched(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarray) -> bool:

@@ -37,7 +37,6 @@ from ddmpi.interface.rows import (
 )
 from ddmpi.interface.trace import placed
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
-from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.surface.cover import corners, cover, faced_arc
 from ddmpi.surface.curve import Curve
@@ -57,8 +56,7 @@ def connect(first: Side, second: Side, contact: SettledContact, refinement: int 
     """The interface of two sides: by `pair` where nodes match, else by `mortar`, unless `contact.pairing` chooses."""
     # on curved surfaces with an overlap, mortar rows of matching meshes differ from pairs by about gap/R: pairs come
     # first where nodes match; triangles and quadrilaterals share a pressure among the same nodes in different ways
-    glued = contact.kind == "bonded" and first.cell is cell_with(6, 2)
-    paired = first.cell is second.cell and (first.cell.bears or glued)
+    paired = first.cell is second.cell and (first.cell.bears or contact.kind == "bonded")
     if contact.pairing == "nodes" and not paired:
         raise InputError(
             f"contact.{contact.name}.pairing: pairs of nodes are for linear tetrahedra, or linear bricks, or bonds, on "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from math import factorial
+from math import factorial, prod
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -229,33 +229,44 @@ def laplacian(
 ) -> sparse.csr_matrix:
     """Laplacian (m, m) of the hat functions of rows on facets between nodes at `xy` (k, d), in m^(d − 3).
 
-    Facets (f, d) are straight simplices; those with middles (f, 6), in space, have Bernstein polynomials λ_i² and
-    2 λ_i λ_j in place of hats. Nodes with number j in `row` (k,) move with row j, those with −1 are fixed.
+    Facets (f, d) are straight simplices; those with middles, in space, have Bernstein polynomials in place of hats, see
+    `by_coefficients` in interface/matching.py. Nodes with number j in `row` (k,) move with row j, those with −1 are fixed.
     Around an axis the integrals are weighted by `circumference`.
     """
-    corners = facets[:, :3]
-    along = xy[corners[:, 1:]] - xy[corners[:, :1]]
-    gram, order = along @ along.transpose(0, 2, 1), along.shape[1]
-    slopes = np.vstack([-np.ones(order), np.eye(order)])
-    measures = (
-        np.sqrt(np.linalg.det(gram))
-        / factorial(order)
-        * circumference(xy[corners].mean(axis=1), axisymmetric)
-    )
-    # ∫ ∇φ_i · ∇φ_j of linear functions on a simplex: slopes G⁻¹ slopesᵀ |T|, with the Gram matrix G of its edges.
-    local = slopes @ np.linalg.inv(gram) @ slopes.T * measures[:, None, None]
-    if facets.shape[1] > corners.shape[1]:
-        # ∇ λ_a λ_b = λ_a ∇λ_b + λ_b ∇λ_a, and ∫ λ_a λ_c = (1 + δ_ac) |T| / 12
-        a, b = np.array([(0, 0), (1, 1), (2, 2), *cell_with(facets.shape[1], 2).edges[:, :2]]).T
-        mass, factor = (1.0 + np.eye(3)) / 12.0, np.where(a == b, 1.0, 2.0)
-        local = np.multiply.outer(factor, factor) * sum(
-            mass[np.ix_(one, other)] * local[:, left][:, :, right]
-            for one, left in ((a, b), (b, a))
-            for other, right in ((a, b), (b, a))
+    cell = cell_with(facets.shape[1], xy.shape[1] - 1)
+    if cell.linear:
+        along = xy[facets[:, 1:]] - xy[facets[:, :1]]
+        gram, order = along @ along.transpose(0, 2, 1), along.shape[1]
+        slopes = np.vstack([-np.ones(order), np.eye(order)])
+        measures = (
+            np.sqrt(np.linalg.det(gram))
+            / factorial(order)
+            * circumference(xy[facets].mean(axis=1), axisymmetric)
         )
+        # ∫ ∇φ_i · ∇φ_j of linear functions on a simplex: slopes G⁻¹ slopesᵀ |T|, with the Gram matrix G of its edges.
+        local = slopes @ np.linalg.inv(gram) @ slopes.T * measures[:, None, None]
+    else:
+        local = _of_coefficients(xy[facets], cell)
     one, other = np.broadcast_arrays(row[facets][:, :, None], row[facets][:, None, :])
     moves = (one >= 0) & (other >= 0)
     return sparse.csr_matrix((local[moves], (one[moves], other[moves])), (m, m))
+
+
+def _of_coefficients(points: np.ndarray, cell: Cell) -> np.ndarray:
+    """∫ ∇b_i · ∇b_j (f, k, k) over quadratic facets with nodes (f, k, 3): b_i = φ_i + ¼ Σ φ_m of corners with the middles
+    beside them, ½ φ_m of middles."""
+    change = np.eye(len(cell.nodes))
+    for start, end, middle in cell.edges:
+        change[[start, end], middle] = 0.25
+        change[middle, middle] = 0.5
+    where, weights = cell.rule
+    slopes = cell.derivatives(where) @ change.T
+    along = np.einsum("aqk,fkd->fqad", cell.derivatives(where), points)
+    gram = along @ along.transpose(0, 1, 3, 2)
+    size = weights * np.sqrt(np.linalg.det(gram)) / prod(map(factorial, cell.shape.factors))
+    return np.einsum(
+        "fq,aqi,fqab,bqj->fij", size, slopes, np.linalg.inv(gram), slopes, optimize=True
+    )
 
 
 def bilinear(places: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.ndarray:

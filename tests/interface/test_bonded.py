@@ -156,9 +156,10 @@ def test_a_body_of_quadratic_tetrahedra_that_is_cut_by_a_bond_is_the_whole_one(c
     assert contact.interface.area.sum() == pytest.approx(1.0) and contact.interface.area.min() > 0.0
 
 
-def test_a_constant_stress_goes_through_a_bond_of_quadratic_tetrahedra():
+@pytest.mark.parametrize(("elements", "rows"), [({}, 25), ({"elements": "bricks"}, 21)])
+def test_a_constant_stress_goes_through_a_bond_of_quadratic_solids(elements, rows):
     """Also where the larger side goes on beside it: all nodes bear the same pressure, as rows have areas."""
-    keys = {"order": 2, "shape": "box"}
+    keys = {"order": 2, "shape": "box"} | elements
     steel = {"young": 2e11, "poisson": 0.0}
     lower = {
         "name": "lower",
@@ -181,5 +182,5 @@ def test_a_constant_stress_goes_through_a_bond_of_quadratic_tetrahedra():
     answer = ddmpi.solve(scene)
     assert answer.certified, answer.reason
     contact = answer.contacts["lower-upper"]
-    assert contact.interface.m == 25
-    assert contact.pressure == pytest.approx(np.full(25, 2e6), rel=1e-6)
+    assert contact.interface.m == rows
+    assert contact.pressure == pytest.approx(np.full(rows, 2e6), rel=1e-6)

@@ -141,23 +141,33 @@ def test_a_place_in_a_quadrilateral_is_found():
     assert bilinear(place, corners, normal) == pytest.approx(hats, abs=1e-12)
 
 
-@pytest.mark.parametrize("integration", ["modes", "full"])
-def test_a_brick_body_cut_by_a_bond_is_the_uncut_one(integration):
-    """Of order 1: a bent and twisted bar of trapezoids, of one mesh and of two that match."""
-    u, force = [], [{"on": "top", "value": [1e6, 2e6, -3e6]}]
+@pytest.mark.parametrize("where", ["space", "plane", "axis"])
+@pytest.mark.parametrize(
+    ("order", "integration"), [(1, "modes"), (1, "full"), (2, "full"), (2, "reduced")]
+)
+def test_a_brick_body_cut_by_a_bond_is_the_uncut_one(where, order, integration):
+    """A bent, in space also twisted, bar of one mesh and of two that match: at order 2 all nodes of a facet are tied."""
+    d, u = 3 if where == "space" else 2, []
     for parts in ([3], [1, 2]):
-        scene, low = {"body": [], "contact": []}, 0
-        for number in parts:
-            body = block(f"b{low}", low, [3, 3, 3 * number], 1, "bricks")
-            for corner in body["mesh"]["corners"][4:]:
-                corner[2] = low + number
+        scene = {"body": [], "contact": [], "axisymmetric": where == "axis"}
+        for low, number in zip(np.cumsum([0, *parts[:-1]]).tolist(), parts, strict=True):
+            at = BASE if d == 3 else [[0.5, 0.0], [1.8, 0.0]]
+            ends = [[[*each[: d - 1], float(z)] for each in at] for z in (low, low + number)]
+            body = block(f"b{low}", low, [3] * (d - 1) + [3 * number], order, "bricks")
             body["mesh"] |= {"integration": integration}
-            ends = {"clamp": ["bottom"] if low == 0 else []}
-            scene["body"].append(body | ends | {"traction": force if low + number == 3 else []})
-            low += number
+            body["mesh"] |= {"corners": ends[0] + (ends[1] if d == 3 else ends[1][::-1])}
+            body["mesh"] |= {"shape": "hexahedron" if d == 3 else "quadrilateral"}
+            if low == 0:
+                body["clamp"] = ["bottom"]
+            if low + number == 3:
+                body["traction"] = [{"on": "top", "value": [1e6, 2e6, -3e6][:d]}]
+            scene["body"].append(body)
         if len(parts) == 2:
             bond = {"bodies": ["b1", "b0"], "on": ["bottom", "top"], "kind": "bonded"}
             scene["contact"] = [bond]
+        if where == "axis" and integration == "modes":
+            for body in scene["body"]:
+                del body["mesh"]["integration"]  # there are no modes around an axis
         answer = ddmpi.solve(scene, MPI.COMM_SELF, overrides={"method.tolerance": 1e-12})
         assert answer.certified
         found = {}
@@ -165,3 +175,5 @@ def test_a_brick_body_cut_by_a_bond_is_the_uncut_one(integration):
             found |= zip(map(tuple, body.points.round(9)), body.displacement, strict=True)
         u.append(np.array([found[at] for at in sorted(found)]))
     assert u[1] == pytest.approx(u[0], abs=1e-9 * np.abs(u[0]).max())
+    rows = {"space": {1: 16, 2: 40}}.get(where, {1: 4, 2: 7})[order]
+    assert answer.contacts["b1-b0"].interface.m == rows

@@ -1411,7 +1411,7 @@ MUTANTS = [
             "interface/matching",
             "change[middles, end] = -0.5",
             "change[middles, end] = 0.0",
-            "interface/test_bonded.py::test_a_constant_stress_goes_through_a_bond_of_quadratic_tetrahedra",
+            "interface/test_bonded.py::test_a_constant_stress_goes_through_a_bond_of_quadratic_solids",
         ),
         (
             "softness is closure per force",
@@ -1708,6 +1708,20 @@ MUTANTS = [
             "gap = distance - slave.bulge(facet, at, ray)",
             "gap = distance",
             f"{MORTAR}::test_arcs_of_circles_have_their_true_gap",
+        ),
+        (
+            "corners of quadratic bonds have half of their areas",
+            "interface/matching",
+            "shares[:, [start, end]] += shares[:, [middle]] / 2.0",
+            "shares[:, [start]] += shares[:, [middle]] / 2.0",
+            "interface/test_bonded.py::test_a_constant_stress_goes_through_a_bond_of_quadratic_solids",
+        ),
+        (
+            "bonds of quadratic solids tie vertices alone",
+            "interface/mortar",
+            'first.cell.bears or contact.kind == "bonded"',
+            "first.cell.bears",
+            "interface/test_brick_contacts.py::test_a_brick_body_cut_by_a_bond_is_the_uncut_one",
         ),
         (
             "fits of a strip take what rounding tells of the curvature along it",
