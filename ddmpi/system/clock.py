@@ -62,10 +62,12 @@ class Clock:
 @contextmanager
 def _told(name: str) -> Iterator[None]:
     """Log what a phase works at, once it takes LONG: by another thread, while libraries work."""
-    timer = Timer(LONG, log.info, ["%s: at work for %g s", WORDS.get(name, name), LONG])
+    if name not in WORDS or not log.isEnabledFor(logging.INFO):
+        yield
+        return
+    timer = Timer(LONG, log.info, ["%s: at work for %g s", WORDS[name], LONG])
     timer.daemon = True
-    if name in WORDS:
-        timer.start()
+    timer.start()
     try:
         yield
     finally:
