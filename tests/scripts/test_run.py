@@ -131,13 +131,15 @@ import os, signal, time
 from mpi4py import MPI
 path = os.environ["READY"] + MPI.COMM_WORLD.rank * "1"
 signal.signal(signal.SIGUSR1, lambda *_: open(path + " heard", "w").close())
+with open(path + " number", "w") as file:
+    file.write(str(os.getpid()))
 MPI.COMM_WORLD.Barrier()
-open(path, "w").write(str(os.getpid()))
+open(path, "w").close()
 end = 1200 + time.monotonic()
 while time.monotonic() < end:
     time.sleep(0.1)
 """
-"""A program that goes on at SIGUSR1, as one that factorizes."""
+"""A program that goes on at SIGUSR1, as one that factorizes. Once one rank is ready, all have told their numbers."""
 
 
 def in_terminal(program: Path, here: Path, command: list[str], *ready: str) -> tuple[int, str]:
@@ -203,7 +205,7 @@ def test_a_second_ctrl_c_does_not_wait(tmp_path):
     assert (code, said.count("ddmpi: ")) == (130, 1), said
     assert "ending at once" in said
     for rank in ("", "1"):
-        number = (tmp_path / f"ready{rank}").read_text()
+        number = (tmp_path / f"ready{rank} number").read_text()
         await_that(
             lambda number=number: not scenes.is_alive(number), f"process {number} is still there"
         )
