@@ -279,7 +279,8 @@ def where(gmsh, k: int, tag: int) -> str:
     """Where an entity of the drawing lies, in words."""
     if k == 1:
         places = samples(gmsh, tag)[[0, SAMPLES // 2, -1], : gmsh.model.getDimension()]
-        return "from {} by {} to {}".format(*(in_words(at + 0.0) for at in places))
+        start, middle, end = (in_words(at + 0.0) for at in places)
+        return f"from {start} by {middle} to {end}"
     corners = np.round(box(gmsh, k, tag), 5 - int(np.log10(extent(gmsh)))) + 0.0
     return " to ".join(dict.fromkeys(map(in_words, corners)))
 

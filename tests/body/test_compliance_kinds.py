@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import scenes
 import scipy.sparse as sparse
+from petsc4py import PETSc
 from scenes import mumps_is_known, pinched_blocks, prepare_scene, to_toml
 from solid_scenes import box
 
@@ -107,7 +108,7 @@ def choices() -> Iterator[tuple[int, int, float, int, str, str]]:
         )
     n, k = int(LARGEST_CONDENSED[0]), 2000  # factors in space take time with n²
     yield n, 5000, np.inf, 3, "explicit", ""
-    yield n + 1, 5000, np.inf, 3, "iterative", str(n + 1)
+    yield n + 1, 5000, np.inf, 3, "iterative", f"multigrid is faster than factors at {n + 1} dofs"
     yield 10 * n, 5000, np.inf, 2, "explicit", ""
     # where factors fit without the compliance, a body in the plane keeps them, and one in space does not
     for d, n, growth, without in (
@@ -119,8 +120,8 @@ def choices() -> Iterator[tuple[int, int, float, int, str, str]]:
         )
         explicit += 8 * k**2
         yield n, k, 1.01 * explicit, d, "explicit", ""
-        yield n, k, 0.99 * explicit, d, without, "GiB"
-        yield n, k, 1.01 * direct, d, without, "GiB"
+        yield n, k, 0.99 * explicit, d, without, "factors and a dense matrix may take"
+        yield n, k, 1.01 * direct, d, without, "factors and a dense matrix may take"
         yield n, k, 0.99 * direct, d, "iterative", "factors may take"
 
 
@@ -128,6 +129,21 @@ def choices() -> Iterator[tuple[int, int, float, int, str, str]]:
 def test_kind_is_chosen_from_sizes_and_memory(n, k, memory, d, kind, words):
     found, reason = choose_kind(n, k, memory, d)
     assert found == kind and words in reason
+
+
+def test_contacts_that_clamps_hold_have_no_compliance():
+    """Nor have bodies that touch nothing; one displacement that is free makes a contact."""
+    A = PETSc.Mat().createAIJ((4, 4), nnz=1, comm=PETSc.COMM_SELF)
+    held, free, none = (
+        sparse.csr_matrix((([1.0] * k, ([0] * k, [3] * k))), (m, 4))
+        for m, k in ((2, 0), (2, 1), (0, 0))
+    )
+    found = [plan_compliance(A, B, "explicit", np.inf) for B in (held, free, none)]
+    assert found == [
+        ("direct", "clamps constrain its whole contact: C = 0"),
+        ("explicit", "asked for"),
+        ("direct", "it touches nothing"),
+    ]
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,10 @@ CAUSES = {
         block(poisson=0.49999999999),
         "with Poisson's ratio 0.49999999999 it resists changes of volume",
     ),
-    "slender": (block((1.0, 2e-4), (400, 1), clamp=["left"]), "as long as it is thick"),
+    "slender": (
+        block((1.0, 2e-4), (400, 1), clamp=["left"]),
+        "times as long as it is thick, and bends that much to the fourth power more than its cells",
+    ),
 }
 
 
@@ -49,6 +52,7 @@ def test_the_true_cause_is_named(name):
         ddmpi.solve(scene)
     others = {other for _, other in CAUSES.values()} - {words}
     assert not [other for other in others if other in str(caught.value)]
+    assert str(caught.value).endswith(": leave that out") == ("without" in words)
 
 
 def test_materials_that_differ_too_much_are_named(tmp_path):

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 from ddmpi.body.compliance import Compliance
 from ddmpi.body.elasticity import Elasticity, assemble
 from ddmpi.body.solver import StiffnessSolver, best_cholesky
-from ddmpi.errors import DdmpiError, SolverError
+from ddmpi.errors import SolverError
 from ddmpi.interface.matching import pair
 from ddmpi.interface.trace import trace
 from ddmpi.mesh.build import build_mesh
@@ -266,8 +266,22 @@ def test_load_that_is_no_number_is_an_error(options, petsc_options):
 def test_unknown_type_is_an_error_for_the_user(options, petsc_options):
     petsc_options(**options)
     problem = block()
-    with pytest.raises(DdmpiError, match=next(iter(options.values()))):
+    words = rf"'upper': PETSc cannot set up its solver \(.*{next(iter(options.values()))}"
+    with pytest.raises(SolverError, match=words):
         solve(problem.A, problem.b)
+
+
+@pytest.mark.skipif(not mumps_is_known(), reason="MUMPS is not called directly")
+def test_factors_that_need_more_memory_than_is_allowed_are_an_error(petsc_options):
+    """MUMPS's own numbers are in the message; with more memory there are factors."""
+    problem = block((60, 60))
+    trace = sparse.csr_matrix(([1.0], ([0], [0])), (1, problem.A.size[0]))
+    petsc_options(body_mat_mumps_icntl_23=1)
+    words = r"'upper': the stiffness cannot be factored \(MUMPS: INFOG\(1\) = -"
+    with pytest.raises(SolverError, match=words):
+        StiffnessSolver(problem.A, "upper", trace)
+    petsc_options(body_mat_mumps_icntl_23=100)
+    assert StiffnessSolver(problem.A, "upper", trace).condensed is not None
 
 
 # The compliance, of a block whose bottom is the contact

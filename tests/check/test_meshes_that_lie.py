@@ -126,7 +126,9 @@ def test_drawings_without_bodies_are_refused(tmp_path, suffix):
         occ.remove([(3, occ.addBox(0, 0, 0, 1, 1, 1))])
 
     files = {
-        "nothing drawn": write(tmp_path / f"empty.{suffix}", ""),
+        "nothing drawn in it; export the solids, or plane faces": write(
+            tmp_path / f"empty.{suffix}", ""
+        ),
         "nothing but curves": cad(
             tmp_path / f"wire.{suffix}",
             lambda occ: occ.addLine(occ.addPoint(0, 0, 0), occ.addPoint(1, 0, 0)),

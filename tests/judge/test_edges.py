@@ -210,6 +210,7 @@ def test_the_largest_stress_in_a_sliver_is_told():
         return list(_in_thin_cell(body, np.array(stress), "Pa"))
 
     (words,) = found(3.0, 2.0, 1.0)
+    assert words.kind == "stress in a thin cell"
     assert words.startswith("body.b.mesh: the largest von Mises stress, 3 Pa, is in a thin cell at")
     assert found(1.0, 2.0, 3.0) == found(3.0, 3.0, 1.0) == []
 

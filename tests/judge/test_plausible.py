@@ -26,6 +26,7 @@ import ddmpi
 from ddmpi.errors import InputError
 from ddmpi.judge.plausible import _held_through_air, _singular
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.read import read_mesh
 from ddmpi.scene.bodies import Material
 
 pytestmark = pytest.mark.slow
@@ -446,7 +447,10 @@ WARNED = [
     (
         stop(shape="plane", point=[2.0005, 0.0], normal=[-1.0, 0.0]),
         "penetrates",
-        (f"{APART}: block penetrates stop by 0.0005", "add a [[contact]] between them"),
+        (
+            "no contact keeps them apart: block penetrates stop by 0.0005",
+            "add a [[contact]] between them",
+        ),
     ),
     (stop(shape="plane", point=[1.0, 0.0], normal=[-1.0, 0.0]), "penetrates", ()),
     (
@@ -553,6 +557,20 @@ def test_contact_that_reaches_the_end_of_its_group_is_a_warning(tmp_path, on):
         and "name the whole" in each
         for each in found
     ), found
+
+
+@pytest.mark.parametrize("on", ["bottom", "part"])
+def test_a_plane_that_is_penetrated_beside_its_contact_is_a_warning(tmp_path, on):
+    """A part of a flat side is pressed on a plane, and the rest is pulled through it."""
+    mesh = {"file": split_bottom(tmp_path / "block.msh")}
+    block = {"name": "upper", "mesh": mesh, "material": STEEL}
+    block["clamp"] = [{"on": "top", "x": 0.0, "y": -1e-4}]
+    level = read_mesh(Path(mesh["file"]), "block").points[:, 1].min()
+    floor = scenes.FLOOR | {"point": [0.0, float(level)]}
+    contact = {"bodies": ["upper", "floor"], "on": [on]}
+    found = doubts({"body": [block], "rigid": [floor], "contact": [contact]})
+    words = "contact.upper-floor: beside the contact upper penetrates floor by 0.0001"
+    assert any(each.startswith(words) for each in found) == (on == "part"), found
 
 
 @pytest.mark.parametrize("on", ["bottom", "part"])

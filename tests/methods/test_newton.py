@@ -25,10 +25,11 @@ from solid_scenes import two_boxes
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import CoulombLaw
-from ddmpi.judge.diagnosis import StatusLog
+from ddmpi.judge.diagnosis import StatusLog, diagnose
 from ddmpi.methods.half_space import HalfSpace, Model
 from ddmpi.methods.newton import Iterate, Newton
 from ddmpi.methods.paths import InteriorPoints, Softening
+from ddmpi.scene.method import Method
 from ddmpi.surface.side import laplacian
 
 pytestmark = pytest.mark.slow
@@ -358,9 +359,6 @@ def test_contraction_factor():
 def diagnosis(
     stopped: str, steps: list, coefficient: float = 0.3, statuses=(), violations=(), **method
 ) -> str:
-    from ddmpi.judge.diagnosis import diagnose
-    from ddmpi.scene.method import Method
-
     return diagnose(
         "the reason",
         stopped,
@@ -424,14 +422,30 @@ def test_diagnosis(stopped, factor, keys, words, unsaid):
     assert all(each in text for each in words) and not any(each in text for each in unsaid)
 
 
+def test_forces_that_stay_and_precision_that_is_reached_are_told():
+    """An update of zero is no convergence; a body that rounding decides has a tolerance that it allows."""
+    *before, last = history(0.9)
+    still = diagnosis("stalled", [*before, last._replace(update=0.0)], theta=0.1)
+    assert "seen: the forces no longer change" in still
+    assert "seen: the forces no longer change" not in diagnosis(
+        "stalled", [*before, last], theta=0.1
+    )
+    method, log = Method().settled(), recorded("oss", "oss")
+    said = [
+        diagnose("the reason", "stalled", [], method, history(0.9), log, (), precision)
+        for precision in (("upper", 2e-7), None)
+    ]
+    words = "try: method.tolerance = 3.0e-07, the least that double precision allows here"
+    assert [words in each for each in said] == [True, False]
+
+
 CHANGING, STILL = ["osr", "osl"], ["osr", "osr"]
 """States of three nodes in the last iterations: the third one turns between two directions of slip, or stays."""
 
 
 def tried(scene: dict, stopped: str, factor: float = 0.9, statuses=CHANGING, options=()) -> str:
     """The advice where a run of the scene ends so."""
-    from ddmpi.judge.diagnosis import diagnose, helpful
-    from ddmpi.scene.method import Method
+    from ddmpi.judge.diagnosis import helpful
     from ddmpi.scene.reader import read_scene
 
     able, log = helpful(read_scene("scene", to_toml(scene)), options), recorded(*statuses)
@@ -442,7 +456,7 @@ def tried(scene: dict, stopped: str, factor: float = 0.9, statuses=CHANGING, opt
 def test_diagnosis_names_what_the_scene_can_do():
     """Less friction where there is some and states change, Anderson where it takes the scene and can end elsewhere."""
     two, smooth = pinched_blocks(2), pinched_blocks(2, "none")
-    for words in ("anderson", "less friction"):
+    for words in ("anderson", "less friction, to see where the trouble begins"):
         assert words in tried(two, "stalled")
         assert words not in tried(two, "stalled", statuses=STILL)
         assert words not in tried(smooth, "stalled")
@@ -492,7 +506,7 @@ def test_more_iterations_are_advised_where_they_ran_out_and_made_progress():
 
 def test_a_finer_mesh_is_advised_where_few_nodes_open_and_close():
     """Not where none changes, where all are open, where many bear, nor where the iteration ended otherwise."""
-    scene, words = pinched_blocks(2, "none"), "a finer mesh"
+    scene, words = pinched_blocks(2, "none"), "a finer mesh where few nodes bear"
     assert words in tried(scene, "stalled")
     assert words not in tried(scene, "max_iterations")
     assert words not in tried(scene, "stalled", statuses=STILL)

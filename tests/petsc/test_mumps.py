@@ -18,6 +18,7 @@ from ddmpi.petsc.mumps import (
     MumpsError,
     RefusedError,
     _end,
+    _function,
 )
 
 OFFSETS = {  # in bytes, by a C compiler from the headers in Debian's libmumps-headers-dev
@@ -118,6 +119,15 @@ def test_rows_that_cancel_are_no_error():
     assert factors.condensed is not None and not factors.solve(np.zeros(9)).any()
     assert np.triu(factors.condensed) == pytest.approx(np.triu(C))
     factors.destroy()
+
+
+def test_a_library_without_mumps_is_refused(monkeypatch):
+    """PETSc's solver is used then."""
+    monkeypatch.setattr(ctypes, "CDLL", lambda path: SimpleNamespace())
+    with pytest.raises(RefusedError, match="its library does not offer dmumps_c"):
+        _function.__wrapped__()
+    monkeypatch.setattr(ctypes, "CDLL", lambda path: SimpleNamespace(dmumps_c=SimpleNamespace()))
+    assert _function.__wrapped__().restype is None
 
 
 def test_mumps_ends_in_silence():

@@ -760,6 +760,12 @@ MOTIONS = [
         "time.points=[1.0, 2.0]",
     ),
     Bound(
+        'friction: does not go with time.motions = "far": profiles along a contact',
+        "far",
+        "contact.0.friction={law='coulomb', coefficient='0.3 + 0*x'}",
+        "contact.0.friction={law='coulomb', coefficient=0.3}",
+    ),
+    Bound(
         'does not go with time.motions = "far", for which the compliance',
         "far",
         "method.compliance=direct",
@@ -1457,6 +1463,14 @@ def idle(past: bool) -> dict:
     return scene | {"rigid": [far], "contact": scene["contact"] + [touched] * (not past)}
 
 
+def unfollowed(past: bool) -> dict:
+    """A history beside the one that a load follows."""
+    load = {"on": "top", "value": [0.0, LOAD], "history": "other" if not past else "way"}
+    scene = alone(traction=[load, {"on": "right", "value": [0.0, 0.0], "history": "way"}])
+    curve = {"times": [0.0, 1.0], "factors": [0.0, 1.0]}
+    return scene | {"history": {"way": curve, "other": curve}, "time": {"points": [1.0]}}
+
+
 def moved_on(past: bool) -> dict:
     """A block that is pushed along another one by as much as its three nodes are apart in the mean, with halves at ends."""
     way = WIDTH / 3.0 * (1.001 if past else 0.999)
@@ -1533,6 +1547,13 @@ def aside(past: bool) -> dict:
     return scene
 
 
+def not_one_to_one(past: bool) -> dict:
+    """A lower block that is moved aside by more than half the distance of nodes: two of them are nearest to one."""
+    scene = stacked(PRESSED, {}, pairing="nodes")
+    scene["body"][1]["mesh"]["origin"][0] += 0.251 * WIDTH * past
+    return scene
+
+
 def all_clamped(past: bool) -> dict:
     """A side whose normals are all held has no contact to solve."""
     held = [*STRAIN.walls(), STRAIN.hold("bottom" if past else "top")]
@@ -1569,6 +1590,7 @@ SOLVED = [
     Solved("beyond its ends the profile is constant", profiled),
     Solved("linear elements lock at nu = 0.48", locking),
     Solved("rigid.far: no contact names it; nothing touches it", idle),
+    Solved("history.other: nothing follows it", unfollowed),
     Solved("times the distance of their neighbours", moved_on),
     Solved("times its radius, as at", around),
     Solved("only 3 closed nodes, too few to resolve the pressure", few),
@@ -1583,6 +1605,7 @@ REFUSED = [
     Solved("lies on the other side of the axis", beyond_the_axis),
     Solved("sides have 3 and 4 nodes; their meshes must match node by node", of_another_number),
     Solved("the nodes of the two sides do not lie opposite each other", aside),
+    Solved("the nodes of the two sides do not pair off one to one", not_one_to_one),
     Solved("all nodes of the contact are clamped; there is nothing to solve", all_clamped),
 ]
 """Refusals of a mesh, its clamps and contacts."""

@@ -1,8 +1,8 @@
 """All messages of the program, by its syntax trees, and which of them no test asks.
 
-A message is a text of five words or more in a function, but for docstrings, the log and the rooms that draw and talk. It
-is asked if the tests have fourteen characters of it that stand in no other message: enough to know it by. Of those that
-have none the tests cannot tell.
+A message is a text of five words or more in a function, but for docstrings, patterns, the log and the rooms that draw
+and talk. It is asked if the tests have fourteen characters of it that stand in no other message: enough to know it by.
+Of those that have none the tests cannot tell.
 """
 
 from __future__ import annotations
@@ -59,7 +59,8 @@ def messages() -> dict[str, list[str]]:
         file = path.relative_to(ROOT / "ddmpi").with_suffix("").as_posix()
         if file.partition("/")[0] not in LEFT_OUT:
             for parts in texts(ast.parse(path.read_text(encoding="utf-8"))):
-                if sum(len(part.split()) for part in parts) >= WORDS:
+                pattern = any("(?:" in part for part in parts)
+                if sum(len(part.split()) for part in parts) >= WORDS and not pattern:
                     found[f"{file}: {' '.join(max(parts, key=len).split())}"] = parts
     return found
 

@@ -547,7 +547,9 @@ def test_another_run_is_refused_with_the_reason(tmp_path, scene, options, words)
     path = a_checkpoint(tmp_path)
     with pytest.raises(InputError) as error:
         accept(tmp_path, scene, options)
-    assert str(path) in str(error.value) and words in str(error.value)
+    said = str(error.value)
+    assert said.startswith(f"{path}: is of a run with other ") and words in said
+    assert said.endswith("; only the same run can be continued")
 
 
 def test_other_versions_are_a_warning(tmp_path, caplog, monkeypatch):

@@ -178,6 +178,20 @@ def test_a_folder_that_holds_anything_is_refused(tmp_path):
     assert names(tmp_path) == {RECORD, "run.log"}
 
 
+def test_a_claim_that_is_a_link_is_refused(tmp_path):
+    """Nothing is written where it leads; a folder that a killed run has left there is taken."""
+    (tmp_path / "out").mkdir()
+    (tmp_path / "theirs").mkdir()
+    claim = tmp_path / "out" / UNFINISHED
+    claim.symlink_to(tmp_path / "theirs")
+    with pytest.raises(InputError, match=rf"{claim} is a link; remove it"):
+        chosen(tmp_path / "out")
+    assert names(tmp_path / "theirs") == set()
+    claim.unlink()
+    claim.mkdir()
+    assert chosen(tmp_path / "out") == tmp_path / "out"
+
+
 @pytest.mark.parametrize("restart", [False, True])
 def test_two_runs_do_not_have_one_folder(tmp_path, restart):
     """A folder in which a run is at work, or may be on another host, is refused, with what to remove."""

@@ -126,7 +126,8 @@ def test_the_command_writes_a_table_and_overwrites_no_other_file(tmp_path):
         and float(rows[0]["von_mises"]) > 0.0
     )
     (tmp_path / "mine.csv").write_text("x,y\n")
-    with pytest.raises(InputError, match=r"mine.csv: is there already"):
+    words = r"mine.csv: is there already, and no table of a path; name another file"
+    with pytest.raises(InputError, match=words):
         write_path(tmp_path / "mine.csv", {"distance": np.zeros(1)})
     refused = call("path", str(tmp_path), "--from", "0;1", "--to", "1,1")
     assert refused.code == 2 and "'0;1' is no point" in refused.output

@@ -9,7 +9,15 @@ from documented import SUMMARY, entries
 
 from ddmpi.errors import InputError
 from ddmpi.interface.state import ContactState
-from ddmpi.results.summary import ROWS, loose_in_words, summarize, tell, units, write_summary
+from ddmpi.results.summary import (
+    ROWS,
+    held_in_words,
+    loose_in_words,
+    summarize,
+    tell,
+    units,
+    write_summary,
+)
 from ddmpi.results.tables import leg_values, read_results
 from ddmpi.run.gather import StepLog
 from ddmpi.system.provenance import provenance
@@ -303,3 +311,13 @@ def test_where_a_body_lies_that_nothing_holds(outer, converged, where):
     """Newton's method moves it least, the paper's does not choose."""
     summary = {"outer": outer, "converged": converged, "undetermined": ["lid can move along y"]}
     assert loose_in_words(summary) == [f"lid can move along y; {where}"]
+
+
+@pytest.mark.parametrize("load", [2e-3, 1e-12])
+def test_what_loads_leave_along_a_held_motion_is_told(load):
+    """Beside its bound; what is rounding is not."""
+    held = {"motion": "pin can turn about (0, 0)", "moment": load, "bound": 0.5}
+    summary = {"held_motions": [held], "units": {"moment": "N m/m", "force": "N/m"}}
+    (said,) = held_in_words(summary)
+    left = ". The loads leave 0.002 N m/m along it, of 0.5 that errors of normals may bear"
+    assert said == f"{held['motion']}; held where it was{left * (load > 1e-9)}"

@@ -252,6 +252,7 @@ def test_a_notebook_shows_an_answer(scene, monkeypatch):
     scene["contact"][0]["name"] = "a<b>&$"
     answer = ddmpi.solve(scene, MPI.COMM_SELF)
     shown = answer._repr_html_()
+    assert "; largest displacement " in shown
     assert (
         "&lt;Two&gt; &amp; more" in shown
         and "<th>a&lt;b&gt;&amp;$</th>" in shown

@@ -71,7 +71,10 @@ REFUSED = [
     ),
     (("method.theta=0.1:1:1000", "contact.0.friction.coefficient=0:1:1000"), ["1000000 cases"]),
     # a value given twice, or a key that another --vary sets, makes two equal cases
-    (("method.theta=0.1,0.10",), ["method.theta=0.1 and method.theta=0.10 are the same"]),
+    (
+        ("method.theta=0.1,0.10",),
+        ["--vary: the cases method.theta=0.1 and method.theta=0.10 are the same"],
+    ),
     (("method.theta=1:1.0:3",), ["are the same"]),
     (("method.theta=0.1,0.2", "method.theta=0.3"), ["are the same"]),
     (("body.0.material.young=1e9,2e9", "body.upper.material.young=3e9"), ["are the same"]),

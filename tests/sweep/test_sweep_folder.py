@@ -17,6 +17,7 @@ from ddmpi.errors import InputError, NotConvergedError, OutputError
 from ddmpi.scene.reader import read_data
 from ddmpi.sweep import table as sweep_table
 from ddmpi.sweep.cases import build_cases
+from ddmpi.sweep.plots import draw_plot
 from ddmpi.sweep.sweep import Sweep, _judge
 from ddmpi.sweep.table import (
     check_sweep,
@@ -267,6 +268,31 @@ def test_impossible_plots_are_a_warning(finished, small):
     )
     assert run.code == 0 and run.stderr.count("not drawn: ") == 2
     assert "expected RESULT:KEY" in run.stderr and "'coefficient'" in run.stderr
+
+
+def test_a_sweep_without_results_has_no_plots(finished, tmp_path):
+    """Nor has one without a table; with the results of one case it has."""
+    folder = copied(finished, tmp_path)
+    first, second = sorted(path.parent for path in folder.glob("*/summary.json"))
+    (first / "summary.json").unlink()
+    assert draw_plot(folder, "n_A:coefficient").exists()
+    (second / "summary.json").unlink()
+    with pytest.raises(InputError, match=r"--plot n_A:coefficient: no case has results"):
+        draw_plot(folder, "n_A:coefficient")
+    (folder / "sweep.csv").write_bytes(b"\xff")
+    with pytest.raises(InputError, match="the table of a sweep"):
+        draw_plot(folder, "n_A:coefficient")
+
+
+def test_an_identity_that_is_a_folder_is_named(tmp_path):
+    """What a file says of the same sweep is no mistake."""
+    (tmp_path / SWEEP).mkdir()
+    words = rf"{tmp_path}/{SWEEP}: is no file; remove it, or name another --output"
+    with pytest.raises(InputError, match=words):
+        check_sweep(tmp_path, {})
+    (tmp_path / SWEEP).rmdir()
+    (tmp_path / SWEEP).write_text('{"mesh files": {}}')
+    check_sweep(tmp_path, {"mesh files": {}})
 
 
 def test_a_plot_that_cannot_be_written(finished, small, tmp_path):
