@@ -74,16 +74,22 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """With -n of pytest-xdist, files are shared out whole, and so are the tests of a folder on as many ranks."""
+    """With -n of pytest-xdist, files are shared out whole, and so are tests that share an mpirun."""
     from xdist.scheduler import LoadScopeScheduling
 
     class Whole(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file, _, name = nodeid.partition("::")
             ranks = re.search(r"\[(\d)[-\]]", name)  # or another number: no harm is done
-            return f"{file.rpartition('/')[0]} on {ranks[1]}" if ranks else file
+            return shared(config, file.rpartition("/")[0], ranks[1]) if ranks else file
 
     return Whole(config, log)
+
+
+def shared(config: pytest.Config, folder: str, ranks: int | str) -> str:
+    """What tests on several ranks that share an mpirun have in common: their folder, which the few quick ones need not."""
+    few = "not slow" in config.option.markexpr
+    return f"{'' if few else folder} on {ranks}"
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -183,7 +189,8 @@ class Kept:
 
 
 class Together:
-    """What starts mpirun for a test: once for all tests of a folder on so many ranks, when the first of them is due.
+    """What starts mpirun for a test: once for all that are to share it, when the first of them is due, and once more for
+    those after one that has failed.
 
     One that fails there, or that does not end on all ranks, is started again alone. If it passes then, it still failed,
     and so did one in which the mpirun ended without a word.
@@ -192,19 +199,22 @@ class Together:
     def __init__(self, run: Runner) -> None:
         self.run = run
         self.found: dict[str, list[pytest.TestReport]] = {}
+        self.done: set[str] = set()
         self.ended: dict[str, pytest.TestReport] = {}
 
     def __call__(self, item: pytest.Item) -> list[pytest.TestReport]:
         """What all ranks report. Failures come last: a rank that passes would make --lf forget one that does not."""
-        if item.nodeid not in self.found:
+        if not self.found.get(item.nodeid) and item.nodeid not in self.ended:
             self.start(
                 [
                     each
                     for each in item.session.items
                     if isinstance(each, pytest.Function)
-                    and (each.path.parent, ranks_of(each)) == (item.path.parent, ranks_of(item))
+                    and mpirun_of(each) == mpirun_of(item)
+                    and not (self.found.get(each.nodeid) or each.nodeid in self.done)
                 ]
             )
+        self.done.add(item.nodeid)
         found = self.found.pop(item.nodeid)
         failed = [
             report
@@ -231,7 +241,7 @@ class Together:
         whole = [report.nodeid for report in reports if report.when == "teardown"]
         cut = [item for item in items if whole.count(item.nodeid) < ranks_of(item)]
         if cut and len(items) > 1 and not any(report.failed for report in reports):
-            why = "the mpirun of this folder ended in it; alone it passes"
+            why = "the mpirun that it shares ended in it; alone it passes"
             self.ended[cut[0].nodeid] = pytest.TestReport(
                 cut[0].nodeid, cut[0].location, {}, "failed", why, "call"
             )
@@ -240,6 +250,11 @@ class Together:
 def ranks_of(item: pytest.Function) -> int:
     """The ranks of a test that runs under mpirun, 0 of another."""
     return item.callspec.params.get("mpi_ranks", 0) if item.get_closest_marker("mpi") else 0
+
+
+def mpirun_of(item: pytest.Function) -> str:
+    """What it has in common with tests that share its mpirun."""
+    return shared(item.config, str(item.path.parent), ranks_of(item))
 
 
 def named(report: pytest.TestReport) -> pytest.TestReport:

@@ -67,6 +67,7 @@ def run(*arguments: str) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_a_method_of_your_own():
     """Projected gradients have Newton's answer, and take far more iterations."""
     said = run("docs/examples/projected.py")
@@ -91,6 +92,7 @@ def test_all_files_of_examples_are_run():
     assert files == ["projected.py", "springs.py"]
 
 
+@pytest.mark.slow
 def test_examples_run():
     """An example in a docstring has the output that stands below it, in a process of its own, as users have it."""
     run("-c", RUN, *MODULES)

@@ -60,6 +60,7 @@ def test_commands_without_arguments(name):
     assert build_parser().parse_args([name]).command == name
 
 
+@pytest.mark.slow
 def test_a_reader_that_stops_early_does_not_end_the_check(tmp_path):
     """As in ddmpi check SCENE.toml | head: one warning, no pages of PETSc, and the exit code of the check."""
     read, write = os.pipe()

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from boundaries import join, pair, rectangle, ring, side, touch, turned, uncovered_profile
+from scenes import seldom
 
 import ddmpi
 from ddmpi.interface.interface import Interface
@@ -51,8 +52,9 @@ def check(contact: Interface, expected: np.ndarray, tolerance: float = 1e-9) -> 
 
 @orders
 @slaves
-@pytest.mark.parametrize("lean", [-2e-16, 1e-3])
-@pytest.mark.parametrize("angle", [0.4, np.pi])
+@pytest.mark.parametrize(
+    ("angle", "lean"), [(0.4, -2e-16), (np.pi, 1e-3), seldom(0.4, 1e-3), seldom(np.pi, -2e-16)]
+)
 def test_arc_length_counts_along_the_first_body(angle, lean, slave, order):
     """From where its boundary starts with the body on the left, whatever the slave, the coordinates, or rounding."""
     for divisions in ((6, 6), (6, 9), (9, 6)):

@@ -305,6 +305,7 @@ def test_a_weight_on_straight_sides_is_told():
     assert 2.0 * true < entry.bar < 2.5 * true
 
 
+@pytest.mark.slow
 def test_a_pressure_on_the_flat_end_of_a_round_bar_is_told():
     """Its polygon has 1 % less area than the circle, and so the force on the floor is 1 % too small."""
     mesh = {"shape": "cylinder", "center": [0.0, 0.0, 0.0], "axis": [0.0, 0.0, 1.0]}

@@ -89,6 +89,7 @@ def test_meshes_are_refined_until_all_bars_are_within():
     )
 
 
+@pytest.mark.slow
 def test_meshes_of_drawings_follow_the_results():
     """The pin in the lug to 0.1 %: uniform meshes need 70,000 unknowns, the energy norm 58,000. On a uniform mesh of 8
     times the fineness the force is 2090.9 N. Units hardly matter: gmsh rounds otherwise."""
@@ -101,6 +102,7 @@ def test_meshes_of_drawings_follow_the_results():
     assert scaled.summary["n"] == pytest.approx(answer.summary["n"], rel=0.02)
 
 
+@pytest.mark.slow
 def test_targets_in_space_and_of_both_kinds():
     """Both hold: the smaller error decides."""
     scene = two_boxes(2)
@@ -167,8 +169,21 @@ def test_bad_targets_are_refused_before_work():
 
 @pytest.mark.mpi(ranks=[2, 3])
 def test_targets_on_several_ranks():
-    """Bodies on ranks of their own, and with several ranks each, get the meshes of one rank, but for rounding, from which
-    gmsh makes other ones."""
+    """Bodies on ranks of their own, and with several ranks each, get the meshes of one rank."""
+    world, scene = MPI.COMM_WORLD, aiming({NORMAL: 0.02}, pinched_blocks(4))
+    answer, alone = ddmpi.solve(scene, world), ddmpi.solve(scene, MPI.COMM_SELF)
+    assert answer.certified and len(levels(alone)) > 1
+    for one, other in zip(levels(answer), levels(alone), strict=True):
+        assert one["n"] == other["n"]
+        assert one["results"][NORMAL]["bar"] == pytest.approx(
+            other["results"][NORMAL]["bar"], rel=1e-6
+        )
+
+
+@pytest.mark.slow
+@pytest.mark.mpi(ranks=[2, 3])
+def test_targets_of_drawings_on_several_ranks():
+    """The meshes are those of one rank, but for rounding, from which gmsh makes other ones."""
     world, scene = MPI.COMM_WORLD, aiming(dict.fromkeys(PIN, 5e-3), pin_in_lug())
     answer = ddmpi.solve(scene, world)
     alone = ddmpi.solve(scene, MPI.COMM_SELF) if world.rank == 0 else None
@@ -292,16 +307,16 @@ def test_a_run_says_what_half_its_bars_take(tmp_path):
 
 def test_converge_is_a_run_with_one_target(tmp_path):
     """The table in the log, in converge.json and in Python is that of the meshes; the picture has them."""
-    scene, out = write_scene(pinched_blocks(6), tmp_path / "scene.toml"), tmp_path / "out"
-    done = call("converge", str(scene), "--of", NORMAL, "--within", "0.01", "--output", str(out))
+    scene, out = write_scene(pinched_blocks(4), tmp_path / "scene.toml"), tmp_path / "out"
+    done = call("converge", str(scene), "--of", NORMAL, "--within", "0.03", "--output", str(out))
     assert done.code == 0 and (out / "accuracy.png").exists()
     told = json.loads((out / "converge.json").read_text())
     assert told["converged"] and [*told["results"]] == [NORMAL]
     meshes = told["results"][NORMAL]["meshes"]
-    answer = ddmpi.converge(pinched_blocks(6), of=NORMAL, within=0.01)
+    answer = ddmpi.converge(pinched_blocks(4), of=NORMAL, within=0.03)
     same = answer.meshes(NORMAL)
     assert [mesh["unknowns"] for mesh in same] == [mesh["unknowns"] for mesh in meshes]
-    assert meshes[-1]["bar"] <= 0.01 * meshes[-1]["value"] < meshes[-2]["bar"]
+    assert meshes[-1]["bar"] <= 0.03 * meshes[-1]["value"] < meshes[-2]["bar"]
     assert all(f"{mesh['unknowns']:>10}  " in done.stdout for mesh in meshes)
     with pytest.raises(InputError, match=r"method\.target of the scene does not name it"):
         answer.meshes(ALONG)
@@ -312,6 +327,7 @@ def test_converge_is_a_run_with_one_target(tmp_path):
         ddmpi.converge(str(scene), of=[NORMAL])
 
 
+@pytest.mark.slow
 def test_files_become_finer_for_results():
     """A number of halvings that the scene names stays, and a target in the energy norm alone asks for leave."""
     of = "contacts.punch-base.normal_force"
@@ -407,6 +423,21 @@ def test_a_peak_that_finer_meshes_leave_as_it_is_ends_the_ladder(excess, ends):
             500 * k * k, 0.1, 550 * k * k, bars={PRESSURE: Bar(9.0, None, UNRESOLVED, 1.0, one)}
         )
     assert ("do not bring it nearer to its neighbours" in ladder.missed) == ends
+
+
+@pytest.mark.parametrize("meshes", [LADDER["meshes"], LADDER["meshes"] - 1])
+def test_a_ladder_of_drawings_has_an_end(meshes):
+    """After so many meshes it is said that they did not reach it, and before the reason is another one."""
+    ladder = ladder_of({PIN[0]: 1e-5}, pin_in_lug(), "method.max_unknowns=6000")
+    ladder.levels = [
+        Level(1.0, 4900 + k, 0.1, 5000, {PIN[0]: Bar(1e3, 9.0, "", 9.0)}, Cost(1.0, 0, 1.0, 0))
+        for k in range(meshes - 1)
+    ]
+    equal = {PIN[0]: demand(np.ones(1000), 2.0, 2)}
+    bars = {PIN[0]: Bar(1e3, 8.9, "", 8.9)}
+    ladder.proceed(5000, 0.1, 5000, {"pin": equal[PIN[0]]}, bars, alone=equal)
+    assert (f"{meshes} meshes did not reach it" in ladder.missed) == (meshes == LADDER["meshes"])
+    assert ladder.missed
 
 
 def test_the_bars_of_a_ladder_are_kept():

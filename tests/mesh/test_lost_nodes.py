@@ -6,10 +6,12 @@ import h5py
 import meshio
 import numpy as np
 import pytest
+from scenes import seldom
 from test_formats import GMSH, write_ring
 
 import ddmpi.mesh.read
 from ddmpi.errors import InputError
+from ddmpi.mesh.nodes import _Words
 from ddmpi.mesh.read import FORMATS, read_mesh
 from meshes import write
 
@@ -160,8 +162,15 @@ def read(path: Path) -> str:
     return ""
 
 
-@pytest.mark.parametrize("form", WRITERS)
-def test_numbers_out_of_range_are_refused_in_every_format(tmp_path, form, monkeypatch):
+@pytest.mark.parametrize(
+    ("form", "every"),
+    [
+        (seldom if every or form in ("msh 1", "msh 4") else pytest.param)(form, every)
+        for form in WRITERS
+        for every in (False, True)
+    ],
+)
+def test_numbers_out_of_range_are_refused_in_every_format(tmp_path, form, every, monkeypatch):
     """Below the first node and above the last, at both ends of both, in cells and in lines: file, cell and number.
 
     Whole files of MED are read in a process of their own, as always, and the others in this one, in a tenth of the time.
@@ -171,8 +180,9 @@ def test_numbers_out_of_range_are_refused_in_every_format(tmp_path, form, monkey
     monkeypatch.setattr(
         ddmpi.mesh.read, "read_apart", lambda path, work, label, *more: work(path, *more)
     )
-    every = (0, -1, -2, -4, -5, -6, -100, 6, 7, 10**6, 2**31 - 1, -(2**31) + 1)
-    for wrong in (0, -1, 6) if form in ("msh 1", "msh 4") else every:  # which gmsh reads
+    numbers = (-1, 6, 0, -2, -4, -5, -6, -100, 7, 10**6, 2**31 - 1, -(2**31) + 1)
+    few = 3 if form in ("msh 1", "msh 4") else None  # which gmsh reads
+    for wrong in numbers[:few] if every else numbers[:2]:
         for where in (0, 1):
             cells, lines = (CELLS + 1).tolist(), (LINES + 1).tolist()
             if where and (form == "inp" or abs(wrong) < 7):
@@ -185,6 +195,13 @@ def test_numbers_out_of_range_are_refused_in_every_format(tmp_path, form, monkey
             assert f"a.{'msh' if 'msh' in form else form}" in said, (wrong, said)
             shown = wrong - 1 if form in ("vtu", "vtk") else wrong
             assert str(shown) in said or "gmsh: " in said, (wrong, said)
+
+
+def test_a_section_that_ends_too_early_is_an_error():
+    """As many numbers as there are can be taken."""
+    assert _Words(b"3 1 4", True, 8).take("int", 3).tolist() == [3, 1, 4]
+    with pytest.raises(ValueError, match="the section ends too early"):
+        _Words(b"3 1 4", True, 8).take("int", 4)
 
 
 @pytest.mark.parametrize("form", ["msh 2.2", "binary msh 2.2", "msh 4.1", "binary msh 4.1"])

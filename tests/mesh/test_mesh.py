@@ -159,6 +159,7 @@ def test_a_name_of_two_dimensions_is_refused(tmp_path, version, binary):
         build_mesh(body_of(file=str(path)))
 
 
+@pytest.mark.slow
 def test_signals_are_heard_after_gmsh(tmp_path):
     """Signals are noted after gmsh has read a file, though the PETSc within gmsh resets the handler of SIGTERM."""
     path = write_by_gmsh(tmp_path / "old.msh", 4.0)
@@ -340,9 +341,10 @@ def test_file_that_is_not_a_mesh(tmp_path, version, spoilt):
     path = write_by_gmsh(tmp_path / "notes.msh", version)
     path.write_text(UNREADABLE[spoilt](path.read_text()))
     text = refused(path)
-    assert "is not a mesh that meshio or gmsh can read" in text and (
-        "gmsh: " in text or version in (2.2, 4.1)
-    )
+    known = spoilt not in ("empty", "words")
+    why = "(meshio: " if known else ": it does not begin with $MeshFormat"
+    assert f"is not a mesh that meshio or gmsh can read {why}".replace(" :", ":") in text
+    assert "gmsh: " in text or version in (2.2, 4.1)
 
 
 def test_third_order_triangles(tmp_path):
@@ -358,7 +360,11 @@ REFUSED = {
         {"triangles": np.empty((0, 3), int)},
         "has neither triangles nor tetrahedra.*Physical Surface",
     ),
-    "no names": ({"names": ()}, r'no named physical groups of lines.*Physical Curve\("'),
+    "no names": (
+        {"names": ()},
+        r"no named physical groups of lines; clamps, tractions and contacts refer to boundaries by such names: "
+        r'Physical Curve\("',
+    ),
     "no area": (
         {"points": [*FIVE[:4], [0.5, 0.0]], "triangles": [*HALVES.tolist(), [0, 4, 1]]},
         "triangles without area",
@@ -397,8 +403,11 @@ def test_file_without_a_sound_mesh(tmp_path, changes, words):
 def test_group_without_lines(tmp_path):
     """A name that gmsh kept but whose lines it did not save must not clamp or load nothing in silence."""
     write_square(tmp_path / "square.msh", tags=(1, 1, 1, 1))
-    with pytest.raises(InputError, match="right"):
+    words = "the boundary group 'right' of the mesh has a name, but no lines"
+    with pytest.raises(InputError, match=words):
         build_mesh(body_of(file="square.msh", clamp=["right"]), tmp_path)
+    write_square(tmp_path / "square.msh")
+    build_mesh(body_of(file="square.msh", clamp=["right"]), tmp_path)
 
 
 def test_file_is_looked_for_next_to_the_scene_first(tmp_path, monkeypatch):

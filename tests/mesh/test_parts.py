@@ -31,6 +31,7 @@ def assembly(path: Path, names: tuple[str, ...] = ("base", "bolt", "bolt")) -> P
     return path
 
 
+@pytest.mark.slow
 def test_a_part_of_an_assembly_by_name_and_number(tmp_path):
     """A body is one part of a STEP file, alone; its faces keep the numbers that they have in the whole file."""
     path = str(assembly(tmp_path / "all.step"))
@@ -95,6 +96,7 @@ def test_parts_of_a_script(tmp_path):
     assert mesh.surfaces.keys() == {"high"} and area(mesh, "11") == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_numbered_faces_are_groups_of_clamps_loads_and_contacts(tmp_path):
     """on = [8, 27] is one group of both faces, wherever a group may stand; in a .geo without names, too."""
     path = tmp_path / "box.geo"

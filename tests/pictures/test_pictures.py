@@ -12,6 +12,7 @@ from matplotlib import pyplot as plt
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from PIL import Image
+from scenes import seldom
 
 from ddmpi.errors import InputError, OutputError
 from ddmpi.interface.interface import Lines
@@ -260,8 +261,15 @@ def segments(axes) -> list:
     return [each.get_segments() for each in axes.collections if isinstance(each, LineCollection)]
 
 
-@pytest.mark.parametrize("rigid", [FLOOR, BORE])
-@pytest.mark.parametrize("drawing", [draw_bodies, draw_contacts])
+@pytest.mark.parametrize(
+    ("drawing", "rigid"),
+    [
+        (draw_bodies, BORE),
+        (draw_contacts, FLOOR),
+        seldom(draw_bodies, FLOOR),
+        seldom(draw_contacts, BORE),
+    ],
+)
 def test_rigid_partners_are_drawn(tmp_path, rigid, drawing):
     """A plane is a little longer than the bodies, a bore an arc at them; hatched behind, magnified as bodies are."""
     results = with_rigid(tmp_path, rigid)

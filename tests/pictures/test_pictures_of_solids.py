@@ -18,7 +18,7 @@ from documented import undocumented
 from made_up_solids import stacked
 from matplotlib import image
 from mpi4py import MPI
-from scenes import pinched_blocks, run_here, to_toml, write_scene
+from scenes import pinched_blocks, run_here, seldom, to_toml, write_scene
 from solid_scenes import two_boxes
 
 from ddmpi.cli.report import write_report
@@ -83,6 +83,7 @@ def test_blocks_of_pixels_leave_no_trace(monkeypatch, still):
     assert one[0].any() and (one[0] == many[0]).all()
 
 
+@pytest.mark.slow
 def test_load_steps_are_read_as_far_as_they_are_shown(tmp_path, still, marched):
     """Fields of a load step that are not drawn are not read, and without [time] no list of load steps."""
     shutil.copytree(marched, tmp_path / "marched")
@@ -415,9 +416,9 @@ def test_pictures_are_cut_and_seen_as_asked_for(tmp_path, marched):
 @pytest.mark.parametrize(
     ("what", "label"),
     [
-        (True, "von Mises stress"),
-        ("displacement", "displacement"),
-        ("displacement_z", "displacement z"),
+        seldom(True, "von Mises stress"),
+        seldom("displacement", "displacement"),
+        seldom("displacement_z", "displacement z"),
         ("stress_xz", "stress xz"),
         ("principal_3", "principal 3"),
     ],
@@ -485,6 +486,7 @@ def test_an_animation_is_a_video_too(marched):
     assert video[4:8] == b"ftyp" and len(video) > 2000
 
 
+@pytest.mark.slow
 def test_a_video_that_fails_is_told(tmp_path, marched, monkeypatch):
     """With the words of ffmpeg."""
     tool = tmp_path / "ffmpeg"
@@ -609,6 +611,7 @@ def test_resultants_on_one_line_stand_side_by_side():
     )
 
 
+@pytest.mark.slow
 def test_a_largest_value_out_of_sight_is_said_to_be(still):
     """The title says so where the largest stress is at the middle of the side behind, and not of the one in front."""
     results = read_results(still)

@@ -99,6 +99,7 @@ def test_what_is_left_out_cannot_be_asked_for():
     assert answer.summary["discretization_error"]["energy_norm"] < 0.2
 
 
+@pytest.mark.slow
 def test_a_drawn_body_needs_no_estimate_without_a_target(tmp_path):
     """Finer meshes follow from estimates, which are made with a target alone."""
     pytest.importorskip("gmsh")

@@ -70,6 +70,7 @@ def test_an_answer_tells_where_an_error_comes_from():
         answer.error("contacts.upper-lower.force.y")
 
 
+@pytest.mark.slow
 def test_fields_have_the_parts_of_cells_in_errors(tmp_path):
     """Over their mean, so that over the area they are it; of several results the mean. Pictures and the report show them."""
     answers = [ddmpi.solve(asking(*which)) for which in ([FORCE], [NORMAL], [FORCE, NORMAL])]

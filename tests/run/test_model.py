@@ -4,7 +4,7 @@ import random
 
 import pytest
 from reused import CHANGES, changes, content, differences
-from scenes import pinched_blocks, rectangle, to_toml, tower
+from scenes import pinched_blocks, rectangle, seldom, to_toml, tower
 from solid_scenes import two_boxes
 
 import ddmpi
@@ -281,8 +281,8 @@ def drawn(folder) -> dict:
         ("load steps", {"body.lower.volume_force": {"value": [0.0, -1e5], "history": "push"}}),
         ("drawn", {"contact.0.name": "left", "contact.1.name": "bottom"}),
         ("around an axis", {"axisymmetric": False}),
-        ("drawn", {"contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}),
-        (
+        seldom("drawn", {"contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}]}),
+        seldom(
             "drawn",
             {
                 "method.target_error": 0.04,
@@ -330,6 +330,7 @@ def test_sides_see_the_friction_of_others():
     assert "side" not in found.get("upper-lower.1", ())
 
 
+@pytest.mark.slow
 def test_multigrid_remembers_nothing():
     """Its solves begin from earlier ones: those of the case alone."""
     scene = pinched_blocks(4, compliance="iterative")

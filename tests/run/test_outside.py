@@ -50,6 +50,7 @@ def test_what_one_rank_cannot_import_is_refused_on_both(comm, projected, monkeyp
         ddmpi.solve(pinched_blocks(2), comm, outer="projected:Projected")
 
 
+@pytest.mark.slow
 def test_a_run_writes_results_of_an_outside_method(tmp_path, projected):
     scene = write_scene(pinched_blocks(2, max_iterations=20_000), tmp_path / "scene.toml")
     run = run_here(
@@ -109,7 +110,7 @@ def test_what_a_class_does_not_keep_is_refused(projected):
         scene = scene or pinched_blocks(2, max_iterations=20_000)
         return ddmpi.solve(scene, MPI.COMM_SELF, only="contacts", outer=outer)
 
-    with pytest.raises(InputError, match="has no state of its own"):
+    with pytest.raises(InputError, match=r"has no state of its own, see docs/use/methods\.md"):
         solve(variant(state=Outer.state))
     with pytest.raises(InputError, match="is not made by Class"):
         solve(variant(__init__=lambda self, joint: None))

@@ -111,6 +111,7 @@ def test_pyvista_and_xarray_where_they_are_installed(tmp_path):
         assert answer.to_pyvista("upper").n_points == len(answer.bodies["upper"].points)
 
 
+@pytest.mark.slow
 def test_the_notebook_runs(tmp_path):
     """Cell by cell as a program, and by nbconvert where that is installed."""
     cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from bolts import AREAS, FORCE, HEIGHT, HISTORY, YOUNG, bar, joint, of_joint
 from mpi4py import MPI
-from scenes import assert_refused, call, certified, run_here, write_scene
+from scenes import assert_refused, call, certified, run_here, seldom, write_scene
 
 import ddmpi
 from ddmpi.methods import newton, paths
@@ -37,7 +37,13 @@ def test_a_bar_that_is_pulled_in_the_middle(d, order, n, sign, swapped):
 
 @pytest.mark.parametrize(
     ("kind", "order", "n"),
-    [("plane", 1, 3), ("plane", 2, 4), ("axis", 1, 4), ("axis", 2, 3), ("space", 1, 3)],
+    [
+        seldom("plane", 1, 3),
+        ("plane", 2, 4),
+        ("axis", 1, 4),
+        seldom("axis", 2, 3),
+        seldom("space", 1, 3),
+    ],
 )
 def test_a_joint_under_load(kind, order, n):
     """The offset stays, to the bit; the bolt takes a part of the load by the stiffness ratio, then all of it."""
@@ -74,7 +80,7 @@ def test_the_last_time_ends_the_force():
     assert offsets[1] < 0.95 * offsets[0] and offsets[1] == offsets[2] == offsets[3]
 
 
-@pytest.mark.parametrize("path", [paths.Softening, paths.InteriorPoints])
+@pytest.mark.parametrize("path", [paths.Softening, seldom(paths.InteriorPoints)])
 def test_all_ways_to_the_answer_keep_the_offset(path, monkeypatch):
     """The paths of Newton's method, which begin without forces, end with the same forces and offsets."""
     scene = joint(steps=1, poisson=0.3, law={"law": "coulomb", "coefficient": 0.2})
@@ -86,6 +92,7 @@ def test_all_ways_to_the_answer_keep_the_offset(path, monkeypatch):
     ]
 
 
+@pytest.mark.slow
 def test_products_by_multigrid():
     """With an iterative compliance, whose steps are by a model, forces and offsets are the same."""
     scene = joint(steps=1)
@@ -95,6 +102,7 @@ def test_products_by_multigrid():
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.clarabel
 def test_a_nut_in_the_air(tmp_path):
     """A bolt that nothing holds against its pretension has no equilibrium, in words that name the contact."""

@@ -1,7 +1,7 @@
 """Contacts that end within facets: forces reach as far as the contact does, on any mesh and with either slave."""
 
 import pytest
-from scenes import rectangle
+from scenes import rectangle, seldom
 from solid_scenes import HELD, box
 
 import ddmpi
@@ -46,10 +46,13 @@ def tipping(sideways: float, end: float, cells: int, order: int, slave: str, spa
     }
 
 
-@pytest.mark.parametrize("space", [False, True])
-@pytest.mark.parametrize("order", [1, 2])
-@pytest.mark.parametrize("slave", ["block", "slab"])
-@pytest.mark.parametrize("cells, end", [(1, 0.8), (2, 0.7)])
+@pytest.mark.parametrize(
+    ("order", "space"), [(1, True), (2, False), seldom(1, False), seldom(2, True)]
+)
+@pytest.mark.parametrize(
+    ("cells", "end", "slave"),
+    [(1, 0.8, "slab"), (2, 0.7, "block"), seldom(1, 0.8, "block"), seldom(2, 0.7, "slab")],
+)
 def test_a_block_tips_where_the_contact_ends(cells, end, slave, order, space):
     """It does when the moments of push and pressure about the slab's end are equal: sideways · 1 = end − 1/2."""
     limit = end - 0.5

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from restarts import go_on_from_checkpoints
-from scenes import COULOMB, assert_refused, certified, rectangle, run_here, write_scene
+from scenes import COULOMB, assert_refused, certified, rectangle, run_here, seldom, write_scene
 
 import ddmpi
 from ddmpi.cli.report import write_report
@@ -77,7 +77,7 @@ def rows(answer: Answer) -> np.ndarray:
     )
 
 
-@pytest.mark.parametrize("time", [{"steps": 2}, {"tolerance": 0.05}])
+@pytest.mark.parametrize("time", [{"steps": 2}, seldom({"tolerance": 0.05})])
 def test_cycles_are_what_a_long_history_gives(time):
     """Steps, forces, energies, slip and what comes after them; later points shift by the time of the cycles."""
     scene = rubbed(cycle=CYCLE, **time)
@@ -106,7 +106,7 @@ def test_cycles_are_what_a_long_history_gives(time):
     assert answer.summary["energy"]["residual"] < 1e-10
 
 
-@pytest.mark.parametrize("unit", [1.0, 1e-3])
+@pytest.mark.parametrize("unit", [1.0, seldom(1e-3)])
 def test_cycles_end_when_forces_stay(unit):
     """Shaken down, they end early, in any unit of time; without a bound all are run; a cycle may begin at time 0."""
     points = [unit * time for time in (1.0, 1.5, 2.5, 3.0, 4.0)]

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import assert_refused, call, certified, write_scene
+from scenes import assert_refused, call, certified, seldom, write_scene
 from slits import TIP, Slit, scene, write
 
 import ddmpi
@@ -63,10 +63,19 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize(("slit", "order", "load", "keys"), CASES.values(), ids=CASES)
-@pytest.mark.parametrize("steps", [False, True], ids=["once", "steps"])
-def test_a_body_with_a_slit_is_two_that_are_bonded(tmp_path, slit, order, load, keys, steps):
+def in_both_ways() -> list:
+    """All cases at once and in load steps, of which the quick suite asks the one or the other by turns."""
+    return [
+        pytest.param(case, steps, id=f"{'steps' if steps else 'once'}-{name}", marks=marks)
+        for k, (name, case) in enumerate(CASES.items())
+        for steps, marks in ((k % 2 == 0, []), (k % 2 == 1, pytest.mark.slow))
+    ]
+
+
+@pytest.mark.parametrize(("case", "steps"), in_both_ways())
+def test_a_body_with_a_slit_is_two_that_are_bonded(tmp_path, case, steps):
     """Displacements, slip and statuses are those of the halves, which share the nodes beside the slit."""
+    slit, order, load, keys = case
     more: dict[str, Any] = {"axisymmetric": slit.inside > 0.0, "method": {"tolerance": 1e-10}}
     traction: Any = load
     if steps:
@@ -254,7 +263,8 @@ def test_a_prepared_model_knows_a_slit(tmp_path):
 
 
 @pytest.mark.mpi(ranks=2)
-def test_ranks_share_a_body_with_a_slit(tmp_path):
+@pytest.mark.parametrize("bodies", [1, seldom(2)])
+def test_ranks_share_a_body_with_a_slit(tmp_path, bodies):
     """Of a body that two ranks share, and of two bodies on two ranks, the answers are those of one rank."""
     world = MPI.COMM_WORLD
     folder = Path(world.bcast(str(tmp_path)))
@@ -270,13 +280,12 @@ def test_ranks_share_a_body_with_a_slit(tmp_path):
     ]
     joint = {"bodies": ["upper", "block"], "on": ["bottom", "top"], "friction": FRICTION}
     stack = {"body": [lower, upper], "contact": [*lips, joint]}
-    for whole in (alone, stack):
-        whole["method"] = {"tolerance": 1e-10}
-        one, two = certified(whole), certified(whole, world)
-        assert two.summary["ranks"] == 2
-        for name, contact in one.contacts.items():
-            size = np.abs(contact.forces).max()
-            assert two.contacts[name].forces == pytest.approx(contact.forces, abs=1e-7 * size)
+    made = {1: alone, 2: stack}[bodies] | {"method": {"tolerance": 1e-10}}
+    one, two = certified(made), certified(made, world)
+    assert two.summary["ranks"] == 2
+    for name, contact in one.contacts.items():
+        size = np.abs(contact.forces).max()
+        assert two.contacts[name].forces == pytest.approx(contact.forces, abs=1e-7 * size)
 
 
 def test_one_surface_is_not_both_sides(tmp_path):

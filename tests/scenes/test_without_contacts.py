@@ -2,7 +2,7 @@
 
 import pytest
 from mpi4py import MPI
-from scenes import call, certified, rectangle, run_here, write_scene
+from scenes import call, certified, rectangle, run_here, seldom, write_scene
 from solid_scenes import box
 
 import ddmpi
@@ -51,7 +51,7 @@ def stretched(answer, name: str, way: str, factor: float = 1.0) -> None:
 
 
 @pytest.mark.mpi(ranks=2)
-@pytest.mark.parametrize("bodies", [1, 3])
+@pytest.mark.parametrize("bodies", [seldom(1), 3])
 def test_bodies_alone_on_ranks(comm, bodies):
     """So are several bodies; a warning names each, on fewer and on more ranks than bodies, and load steps go on."""
     scene = {

@@ -23,6 +23,7 @@ from pathlib import Path
 from unittest import mock
 
 import numpy as np
+import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 DATA = {
@@ -45,6 +46,19 @@ CORK = {"young": 1.6e11, "poisson": 0.0}
 
 COULOMB = {"law": "coulomb", "coefficient": 0.3}
 FLOOR = {"name": "floor", "shape": "plane", "point": [0.0, 0.0], "normal": [0.0, 1.0]}
+
+
+def seldom(*values, **options):
+    """Parameters of a test that is asked with them in the whole suite alone."""
+    return pytest.param(*values, marks=pytest.mark.slow, **options)
+
+
+def by_name(cases: dict, *quick: str) -> list:
+    """The parameters of a test by their names, of which those that are not `quick` are asked in the whole suite alone."""
+    return [
+        pytest.param(case, id=name, marks=[] if name in quick else pytest.mark.slow)
+        for name, case in cases.items()
+    ]
 
 
 CLAMP_END = "at the end of a clamp"
