@@ -7,7 +7,6 @@ from test_import import BOX, COUPLED, LAW, PAIR, PRESS, ROLLERS, bolt, imported,
 from ddmpi.errors import InputError
 
 PULL = step("*CLOAD", "A_Z1, 3, 1.")
-WARM = step("*TEMPERATURE", "A_Z1, 50.", "*DLOAD", "9, P2, 1.")
 GRAVITY = step("*DLOAD", "A, GRAV, 9810., 0., 0., -1.")
 
 
