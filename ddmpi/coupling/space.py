@@ -15,10 +15,9 @@ from mpi4py import MPI
 from scipy.sparse import csgraph
 
 from ddmpi.interface.interface import Interface
-from ddmpi.interface.law import ActiveSet, Law, Tangent
+from ddmpi.interface.laws import Laws
 from ddmpi.scene.contacts import Closure
 from ddmpi.scene.scene import Settled
-from ddmpi.sets import Box, Discs, product
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import in_words, norm
 
@@ -154,6 +153,13 @@ class Space:
             np.asarray(values, float), [interface.size for interface in self.interfaces]
         )
 
+    def least(self, x: np.ndarray) -> np.ndarray:
+        """The least entry (interfaces,) of a vector (size,) on each interface; inf on those without entries."""
+        least = np.full(len(self.interfaces), np.inf)
+        sizes = np.array([part.stop - part.start for part in self.parts.values()], int)
+        np.minimum.at(least, np.repeat(np.arange(len(sizes)), sizes), x)
+        return least
+
     def at_nodes(self, x: np.ndarray) -> np.ndarray:
         """|v| of each node's entries of a vector (size,), for all owned nodes; independent of the tangents."""
         return np.concatenate(
@@ -236,73 +242,6 @@ class Space:
         everyone = np.empty((self.comm.size, len(local)))
         self.comm.Allgather(local, everyone)
         return everyone
-
-
-class Laws:
-    """The laws of several interfaces as one, on vectors with the entries of one interface after the other."""
-
-    def __init__(self, laws: Sequence[Law]) -> None:
-        self.laws = tuple(laws) or (Law(0, np.empty(0, int), 1),)
-        self.size = sum(law.size for law in self.laws)
-        sizes = np.cumsum(
-            [(0, 0, 0), *((law.size, law.m, len(law.sliding)) for law in self.laws)], axis=0
-        ).T.tolist()
-        self._parts, self._nodes, self._sliding = (
-            [slice(*pair) for pair in itertools.pairwise(ends)] for ends in sizes
-        )
-
-    @property
-    def largest_slope(self) -> float:
-        return max(law.largest_slope for law in self.laws)
-
-    def parts(self, x: np.ndarray) -> list[tuple[Law, np.ndarray]]:
-        """The laws with their interfaces' entries of a vector (size,)."""
-        return [(law, x[entries]) for law, entries in zip(self.laws, self._parts, strict=True)]
-
-    def bounds(self, bound: np.ndarray) -> list[np.ndarray]:
-        """The slip bounds of each interface, out of those of all sliding nodes."""
-        return [bound[entries] for entries in self._sliding]
-
-    def project(self, q: np.ndarray) -> np.ndarray:
-        """The forces (size,) that the laws assign to q = s − c r."""
-        return np.concatenate([law.project(vector) for law, vector in self.parts(q)])
-
-    def active_sets(self, q: np.ndarray) -> list[ActiveSet]:
-        """Which nodes are closed and which slip at q = s − c r (size,)."""
-        return [law.active_set(vector) for law, vector in self.parts(q)]
-
-    def sticking(self, closed: np.ndarray, falls: np.ndarray | None = None) -> list[ActiveSet]:
-        """Active sets with the nodes `closed` closed and sticking, unless they fall, and all others open."""
-        falls = np.zeros_like(closed) if falls is None else falls
-        return [
-            law.sticking(closed[nodes], falls[nodes])
-            for law, nodes in zip(self.laws, self._nodes, strict=True)
-        ]
-
-    def linearise(self, active: list[ActiveSet]) -> list[Tangent]:
-        """The tangents of the laws at the active sets, one for each interface."""
-        return [
-            law.linearise(active_set) for law, active_set in zip(self.laws, active, strict=True)
-        ]
-
-    def settle(self, s: np.ndarray, active: list[ActiveSet]) -> np.ndarray:
-        """The forces (size,) next to s that obey all bounds exactly."""
-        return np.concatenate(
-            [
-                law.settle(vector, active_set)
-                for (law, vector), active_set in zip(self.parts(s), active, strict=True)
-            ]
-        )
-
-    def bound_at(self, s: np.ndarray) -> np.ndarray:
-        """The slip bounds of all sliding nodes under the forces s (size,), in newtons."""
-        return np.concatenate([law.bound_at(vector) for law, vector in self.parts(s)])
-
-    def cone(self, bound: np.ndarray) -> Box | Discs:
-        """The forces that are allowed while the slip bounds of all sliding nodes stay `bound`."""
-        return product(
-            [law.cone(limits) for law, limits in zip(self.laws, self.bounds(bound), strict=True)]
-        )
 
 
 def kept_by_bonds(

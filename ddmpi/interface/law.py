@@ -6,7 +6,8 @@ A law relates the forces s of an interface to its gaps r. With q = s − c r, fo
 
 (Alart and Curnier, Comput. Methods Appl. Mech. Engrg. 92, 1991). A vector of an interface holds m normal
 entries and then, for each of the mt nodes that slide, its d − 1 tangential entries. A new friction law is a
-subclass of `Law` with a concave `slip_bound` and its `slope`, and a line in `law_of`. Bonded nodes obey r = 0 whatever
+subclass of `Law` with a concave `slip_bound` and its `slope`, both node by node, and a line in `law_of`; what it has of
+its own are arrays (mt,). Bonded nodes obey r = 0 whatever
 the forces, which is the same equation without a projection: s = q. Guided nodes obey it along the normal, and have no
 tangential forces.
 """
@@ -14,7 +15,8 @@ tangential forces.
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -95,6 +97,25 @@ class Law:
     sliding: np.ndarray
     components: int
     live: np.ndarray = field(default_factory=lambda: np.array(True), kw_only=True)
+
+    @classmethod
+    def joined(cls, laws: Sequence[Law]) -> Law:
+        """One law for the nodes of several of this class, with their normal entries before all tangential ones."""
+        if len(laws) == 1:
+            return laws[0]
+        starts = np.cumsum([0, *(law.m for law in laws)])
+        sliding = [law.sliding + start for law, start in zip(laws, starts[:-1], strict=True)]
+        live = [np.broadcast_to(law.live, law.size) for law in laws]
+        normal = [each[: law.m] for law, each in zip(laws, live, strict=True)]
+        tangential = [each[law.m :] for law, each in zip(laws, live, strict=True)]
+        own = [entry.name for entry in fields(cls) if entry.name not in Law.__dataclass_fields__]
+        return cls(
+            int(starts[-1]),
+            np.concatenate(sliding),
+            laws[0].components,
+            *(np.concatenate([getattr(law, name) for law in laws]) for name in own),
+            live=np.concatenate([*normal, *tangential]),
+        )
 
     @property
     def frictionless(self) -> bool:
@@ -245,10 +266,7 @@ class Law:
 
     def reaches_bound(self, s: np.ndarray, bound: np.ndarray) -> np.ndarray:
         """Nodes (mt,) whose tangential force lies on the slip bound (mt,), up to rounding."""
-        size = magnitude(self.split(s)[1])
-        # ON_BOUND is relative to the bound or, if smaller, the largest force: then no node reaches a Tresca bound far
-        # above all forces.
-        return size >= bound - ON_BOUND * np.minimum(bound, size.max(initial=0.0) or np.inf)
+        return magnitude(self.split(s)[1]) >= (1.0 - ON_BOUND) * bound
 
     def closed(self, s: np.ndarray, share: float = 0.0) -> np.ndarray:
         """Nodes (m,) under more pressure than this share of the largest, under the forces s (size,); all nodes of a

@@ -46,23 +46,20 @@ class StatusLog:
 
     def record(self, s: np.ndarray, bound: np.ndarray) -> None:
         """Note the status of each node under forces s (size,) and slip bounds of all sliding nodes (N). Collective."""
-        codes, counts, laws = [], np.zeros(3, int), self._space.laws
-        for interface, (law, forces), limit in zip(
-            self._space.interfaces, laws.parts(s), laws.bounds(bound), strict=False
-        ):
-            closed = law.closed(forces)
-            on_bound = law.reaches_bound(forces, limit)
-            slipping = np.full(
-                interface.m, not len(interface.sliding)
-            )  # without friction all closed nodes slip
-            slipping[interface.sliding] = on_bound
+        laws = self._space.laws
+        codes, counts = np.empty(laws.m, int), np.zeros(3, int)
+        for law, entries, nodes, sliding in laws.kinds:
+            forces = s[entries]
+            closed, on_bound = law.closed(forces), law.reaches_bound(forces, bound[sliding])
+            slipping = np.full(law.m, not len(sliding))  # without friction all closed nodes slip
+            slipping[law.sliding] = on_bound
             # one number for each state: open 0, stick 1, slip 1 + 10 × the signs of the friction as digits to base 3
             code = closed.astype(int)
             towards = np.sign(law.split(forces)[1]).astype(int) @ 3 ** np.arange(law.components)
-            code[interface.sliding] += 10 * np.where(on_bound, towards, 0)
-            codes.append(code)
+            code[law.sliding] += 10 * np.where(on_bound, towards, 0)
+            codes[nodes] = code
             counts += (~closed).sum(), (closed & slipping).sum(), (closed & ~slipping).sum()
-        self._recent.append(np.concatenate([np.empty(0, int), *codes]))
+        self._recent.append(codes)
         opened, slips, sticks = self._space.add(counts).astype(int).tolist()
         self.counts.append((opened, slips, sticks))
 

@@ -93,28 +93,14 @@ class Linearised(Tangent):
         >>> from ddmpi.interface.law import CoulombLaw
         >>> law = CoulombLaw(1, np.arange(1), 1, np.array([0.25]))
         >>> active = law.active_set(np.array([2.0, 3.0]))  # a node that slips, as 3 is more than a quarter of 2
-        >>> Linearised.of([law.linearise(active)]).expand(np.array([4.0])).tolist()  # friction follows the pressure
+        >>> Linearised.of(law.linearise(active)).expand(np.array([4.0])).tolist()  # friction follows the pressure
         [4.0, 1.0]
     """
 
     @classmethod
-    def of(cls, tangents: Sequence[Tangent]) -> Linearised:
-        """That of interfaces, one after the other."""
-        unknown, source, coupling, given, spring = (
-            np.concatenate([getattr(tangent, name) for tangent in tangents])
-            for name in ("unknown", "source", "coupling", "given", "spring")
-        )
-        sizes, turn = [len(tangent.unknown) for tangent in tangents], None
-        source = source + np.repeat(np.cumsum(sizes) - sizes, sizes)
-        if any(tangent.turn is not None for tangent in tangents):
-            turn = sparse.block_diag(
-                [
-                    sparse.identity(size) if tangent.turn is None else tangent.turn
-                    for tangent, size in zip(tangents, sizes, strict=True)
-                ],
-                format="csr",
-            )
-        return cls(unknown, source, coupling, given, spring, turn)
+    def of(cls, tangent: Tangent) -> Linearised:
+        """That of a tangent."""
+        return cls(**vars(tangent))
 
     @cached_property
     def number(self) -> int:
@@ -305,12 +291,9 @@ class LinearProblem:
         )
         # M_δ has one δ for each interface, the least one, for the stiffest nodes; W softens the others one by one
         deltas = np.where(linearised.unknown, layer * preconditioner.hard, np.inf)
+        least = joint.space.least(deltas)
         self._half_space = preconditioner.half_space.softened(
-            [
-                least if np.isfinite(least) else 0.0
-                for entries in joint.space.parts.values()
-                for least in (deltas[entries].min(initial=np.inf),)
-            ]
+            np.where(np.isfinite(least), least, 0.0)
         )
         self._weights = 1.0 / np.sqrt(1.0 + layer * preconditioner.hard)[linearised.unknown]
         self._rigid = joint.rigid.size

@@ -85,8 +85,9 @@ class Linearisation:
     def __init__(self, joint: Joint, preconditioner: Preconditioner, point: Point) -> None:
         self.joint, self.point, self._preconditioner = joint, point, preconditioner
         self._q = point.s - preconditioner.c * point.r
-        self.active = joint.space.laws.active_sets(self._q)
-        self.linearised = Linearised.of(joint.space.laws.linearise(self.active))
+        laws = joint.space.laws
+        self.active = [law.active_set(q) for law, q in laws.parts(self._q)]  # of each interface
+        self.linearised = Linearised.of(laws.linearise(laws.active_sets(self._q)))
         self._layer = self.linearised.spring / preconditioner.c
         self._problems: dict[bool, LinearProblem] = {}
 

@@ -293,21 +293,13 @@ class InteriorPoints(Path):
 
     def __init__(self, joint: Joint, c: np.ndarray, before: float = 0.0) -> None:
         self._joint, self._space, size = joint, joint.space, joint.size
-        self._laws = [
-            (interface.law, entries)
-            for interface, entries in joint.space.with_slices()
-            if not interface.law.two_sided
-        ]
+        self._kinds = [kind for kind in joint.space.laws.kinds if not kind.law.two_sided]
         self._normal, self._source = np.zeros(size, bool), np.arange(size)
-        rows = np.empty((0, max((law.components for law, _ in self._laws), default=1)), int)
-        for law, entries in self._laws:
-            self._normal[entries.start : entries.start + law.m] = True
-            self._source[entries] = entries.start + law.node
-            rows = np.append(
-                rows,
-                np.arange(entries.start + law.m, entries.stop).reshape(-1, law.components),
-                axis=0,
-            )
+        rows = np.empty((0, max((kind.law.components for kind in self._kinds), default=1)), int)
+        for law, entries, *_ in self._kinds:
+            self._normal[entries[: law.m]] = True
+            self._source[entries] = entries[law.node]
+            rows = np.append(rows, entries[law.m :].reshape(-1, law.components), axis=0)
         # equal forces at all nodes, whose norm is the first force
         number = float(self._space.add(np.array([float(np.count_nonzero(self._normal))]))[0])
         force = self._first_force(c, before) / np.sqrt(max(number, 1.0))
@@ -368,7 +360,7 @@ class InteriorPoints(Path):
         """Slip bounds (N) and their slopes (2, k, 1) at the nodes with friction, under the forces s (size,)."""
         bounds = [
             (law.bound_at(s[entries]), law.slope(np.maximum(s[entries][: law.m], 0.0)))
-            for law, entries in self._laws
+            for law, entries, *_ in self._kinds
         ]
         return np.concatenate([np.empty((2, 0)), *bounds], axis=1)[:, self._rubbing, None]
 

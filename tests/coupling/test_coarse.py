@@ -34,9 +34,9 @@ def test_factors_of_many_blocks_are_sparse(monkeypatch):
 
     factor = ddmpi.coupling.coarse.splu
     monkeypatch.setattr(ddmpi.coupling.coarse, "splu", splu)
-    preconditioner, nodes = Preconditioner(joint), sum(law.m for law in laws.laws)
+    preconditioner = Preconditioner(joint)
     assert preconditioner.coarse[0].size > joint.rigid.size > 300
-    linearised = Linearised.of(laws.linearise(laws.sticking(np.ones(nodes, bool))))
+    linearised = Linearised.of(laws.linearise(laws.sticking(np.ones(laws.m, bool))))
     problem = LinearProblem(
         joint, preconditioner, linearised, np.zeros(joint.size), Regularisation()
     )

@@ -44,7 +44,7 @@ def test_all_nodes_are_closed_and_stick_whatever_the_forces():
             LAW.settle(s, active).tolist() == s.tolist()
             and active.pressure.tolist() == s[:4].tolist()
         )
-        linear = Linearised.of([LAW.linearise(active)])
+        linear = Linearised.of(LAW.linearise(active))
         assert (
             linear.number == 7
             and not linear.given.any()

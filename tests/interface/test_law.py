@@ -1,12 +1,13 @@
 """Laws of contact and friction on plain arrays: what forces they allow, and their linearisation."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+import scipy.sparse as sparse
 
-from ddmpi.coupling.space import Laws
 from ddmpi.interface.law import BondedLaw, CoulombLaw, Law, TrescaLaw, law_of
+from ddmpi.interface.laws import Laws
 from ddmpi.methods.krylov import Linearised
 from ddmpi.scene.contacts import Coulomb, NoFriction, Tresca
 
@@ -47,7 +48,7 @@ def test_the_linearised_law_is_the_tangent_of_the_equations(law):
     for q in points(law):
         s = law.project(q)
         r = (s - q) / c
-        linear = Linearised.of([law.linearise(law.active_set(q))])
+        linear = Linearised.of(law.linearise(law.active_set(q)))
         assert linear.move(s) == pytest.approx(np.zeros(law.size), abs=1e-14)
         assert linear.restrict(r) == pytest.approx(
             -(linear.spring / c)[linear.unknown] * linear.restrict(s), abs=1e-14
@@ -64,7 +65,7 @@ def test_friction_turns_in_space_only():
     for components, unknown in ((1, 0), (2, 1), (3, 2)):
         law = CoulombLaw(2, np.arange(2), components, np.full(2, 0.5))
         q = np.concatenate([[2.0, -1.0], np.full(2 * components, 7.0)])
-        linear = Linearised.of([law.linearise(law.active_set(q))])
+        linear = Linearised.of(law.linearise(law.active_set(q)))
         assert linear.number == 1 + unknown and (linear.spring[2 : 2 + components] > 0.0).all() == (
             unknown > 0
         )
@@ -97,6 +98,54 @@ def test_cones_of_laws_with_boxes_and_discs():
         found = together.cone(together.bound_at(q)).project(q)
         assert found == pytest.approx(together.project(q))
         assert together.cone(together.bound_at(q)).project(found) == pytest.approx(found)
+
+
+def test_laws_together_are_each_by_itself():
+    """Laws of one class are one law of all their nodes; nothing that they say changes, in the plane and in space."""
+    rng = np.random.default_rng(6)
+    for components in (1, 2):
+        shapes = [(4, SLIDING), (3, np.arange(3)), (2, np.arange(0)), (4, SLIDING[1:])]
+        laws: list[Law] = [
+            CoulombLaw(m, sliding, components, rng.random(len(sliding))) for m, sliding in shapes
+        ]
+        laws += [Law(3, SLIDING[:0], components), BondedLaw(2, np.arange(2), components)]
+        laws += [replace(laws[0], live=rng.random(laws[0].size) < 0.7), *laws[:2]]
+        together = Laws(laws)
+        q = rng.standard_normal(together.size)
+        parts = [(law, vector) for law, vector in zip(laws, split(q, laws), strict=True)]
+        active = together.active_sets(q)
+        found = together.linearise(active), together.project(q), together.settle(q, active)
+        tangent, bound = found[0], together.bound_at(q)
+        assert found[1].tolist() == joined(law.project(x) for law, x in parts)
+        assert found[2].tolist() == joined(law.settle(x, law.active_set(x)) for law, x in parts)
+        assert bound.tolist() == joined(law.bound_at(x) for law, x in parts)
+        each = [law.linearise(law.active_set(x)) for law, x in parts]
+        for name in ("unknown", "coupling", "given", "spring"):
+            assert getattr(tangent, name).tolist() == joined(getattr(one, name) for one in each)
+        begins = np.cumsum([0, *(law.size for law in laws)])
+        assert tangent.source.tolist() == joined(
+            one.source + begin for one, begin in zip(each, begins, strict=False)
+        )
+        turns = [np.eye(len(one.given)) if one.turn is None else one.turn for one in each]
+        turned = np.eye(together.size) if tangent.turn is None else tangent.turn.toarray()
+        assert turned.tolist() == sparse.block_diag(turns).toarray().tolist()
+        assert (tangent.turn is None) == (components == 1)
+        nodes = [np.arange(law.m) % 2 == 0 for law in laws]
+        stick = together.linearise(together.sticking(np.concatenate(nodes)))
+        assert stick.unknown.tolist() == joined(
+            law.linearise(law.sticking(closed, ~closed & closed)).unknown
+            for law, closed in zip(laws, nodes, strict=True)
+        )
+
+
+def split(x: np.ndarray, laws: list[Law]) -> list[np.ndarray]:
+    """The parts of a vector by law."""
+    return np.split(x, np.cumsum([law.size for law in laws])[:-1])
+
+
+def joined(arrays) -> list:
+    """Arrays one after the other."""
+    return np.concatenate(list(arrays)).tolist()
 
 
 def test_a_slip_bound_is_a_stress_and_a_coefficient_a_number():

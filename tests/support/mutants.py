@@ -2724,6 +2724,20 @@ MUTANTS = [
             "coupling/test_coarse.py::test_factors_of_many_blocks_are_sparse",
         ),
         (
+            "friction follows a pressure of the joined law",
+            "interface/laws",
+            "entries[tangent.source]",
+            "tangent.source",
+            LAW,
+        ),
+        (
+            "joined laws slide at nodes of the first one",
+            "interface/law",
+            "[law.sliding + start for law, start in",
+            "[law.sliding for law, start in",
+            LAW,
+        ),
+        (
             "a guide holds along itself",
             "interface/law",
             '(BondedLaw if kind == "bonded" else GuidedLaw)(',
