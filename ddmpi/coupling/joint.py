@@ -14,6 +14,7 @@ from mpi4py import MPI
 from ddmpi.coupling.coarse import CrossPoints, Driven, Motions, gather_motions
 from ddmpi.coupling.exchange import Exchange
 from ddmpi.coupling.member import Member
+from ddmpi.coupling.small import SmallBodies
 from ddmpi.coupling.space import Point, Space
 from ddmpi.interface.interface import Interface
 from ddmpi.system.numbers import ROUNDING, norm
@@ -248,6 +249,7 @@ class Joint:
         with contextlib.ExitStack() as stack:
             for member in self.members:
                 stack.enter_context(member.C.by_solves())
+            stack.enter_context(self._small.aside())
             return self.product(x, purpose)
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
@@ -255,9 +257,16 @@ class Joint:
         vectors = self.exchange.spread(x)
         # the exchange, which all ranks reach, raises an error of one rank on all of them
         with self.exchange.deferred():
-            for member, vector in zip(self.members, vectors, strict=True):
-                member.mult(vector.copy(), vector, purpose, relative)
+            done = set(self._small.mult(vectors, purpose))
+            for k, (member, vector) in enumerate(zip(self.members, vectors, strict=True)):
+                if k not in done:
+                    member.mult(vector.copy(), vector, purpose, relative)
         y[:] = self.exchange.total(vectors, purpose)
+
+    @cached_property
+    def _small(self) -> SmallBodies:
+        """The bodies of this rank that are multiplied together."""
+        return SmallBodies(self.members)
 
     def dense(self, most: int) -> np.ndarray | None:
         """C (size, size) as a matrix (m/N), if one rank has all compliances explicitly, and of at most `most` rows."""

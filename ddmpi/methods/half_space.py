@@ -145,7 +145,7 @@ class HalfSpace:
         factors = splu(shifted)
         self._solve = lambda x: factors.solve(np.tile(x, (SHIFTS, 1))).reshape(SHIFTS, *x.shape)
 
-    def softened(self, deltas: Sequence[float]) -> HalfSpace:
+    def softened(self, deltas: np.ndarray | Sequence[float]) -> HalfSpace:
         """(1 + δ) (M⁻¹ + δ/c)⁻¹: half-spaces behind a layer, δ of each interface, c as `Interface.stiffness`.
 
         By R/(1 + bR) = 2/π ∫ (1 − t²(A + t²)⁻¹) / (1 + b²t²) dt for R = A^½; b is δ times the spacing of nodes.

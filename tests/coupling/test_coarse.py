@@ -16,9 +16,9 @@ def blocks(columns: int, rows: int) -> dict:
     for x, y in np.ndindex(columns, rows):
         block = scenes.rectangle(f"b{x}-{y}", (2.0 * x, float(y)), (2.0, 1.0), (2, 2), young=2e10)
         body.append(block if y else block | {"clamp": ["bottom"]})
-        for X, Y, on in ((x + 1, y, ["right", "left"]), (x, y + 1, ["top", "bottom"])):
-            if columns > X and rows > Y:
-                contact.append({"bodies": [f"b{x}-{y}", f"b{X}-{Y}"], "on": on} | law)
+        for right, up, on in ((x + 1, y, ["right", "left"]), (x, y + 1, ["top", "bottom"])):
+            if right < columns and up < rows:
+                contact.append({"bodies": [f"b{x}-{y}", f"b{right}-{up}"], "on": on} | law)
     return {"body": body, "contact": contact}
 
 

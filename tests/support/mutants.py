@@ -2724,6 +2724,20 @@ MUTANTS = [
             "coupling/test_coarse.py::test_factors_of_many_blocks_are_sparse",
         ),
         (
+            "products together count on bodies without forces",
+            "coupling/small",
+            "self._moves & np.logical_or.reduceat(x != 0.0, self._begins)",
+            "self._moves",
+            "coupling/test_small.py::test_products_together_are_those_of_each",
+        ),
+        (
+            "products by solves are together",
+            "coupling/small",
+            "self._aside or not self._numbers",
+            "not self._numbers",
+            "coupling/test_small.py::test_products_by_solves_are_not_together",
+        ),
+        (
             "friction follows a pressure of the joined law",
             "interface/laws",
             "entries[tangent.source]",
