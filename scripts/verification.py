@@ -17,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import problems.around_axis
+import problems.bricks
 import problems.curved
 import problems.flat
 import problems.images
@@ -27,6 +28,7 @@ from experiment import arguments, publish, save_figures, table
 from problems import Found, Order, Problem, Value
 
 from ddmpi.mesh.boundary import boundary_facets, segments
+from ddmpi.results.fields import linear_parts
 
 PROBLEMS = {
     name: each
@@ -38,6 +40,7 @@ PROBLEMS = {
         problems.around_axis,
         problems.moving,
         problems.solids,
+        problems.bricks,
     )
     for name, each in problems.PROBLEMS.items()
     if each.measure.__module__ == module.__name__
@@ -65,6 +68,7 @@ AIMS: list[tuple[str, int | None, Order | None, str, float]] = [
             "cubes",
             "remote-moment",
             "bolted-joint",
+            "brick-bolt",
         )
     ),
     *((name, None, None, "*", 1e-9) for name in ("sliding-block", "turned-pair")),
@@ -107,6 +111,11 @@ AIMS: list[tuple[str, int | None, Order | None, str, float]] = [
         for value in BALLS
     ),
     *((name, None, 2, "*mean pressure*", 0.002) for name in ("tubes-turned", "spheres-turned")),
+    *(
+        (name, None, order, "error over that of simplices*", 1.0)
+        for name in ("brick-rings", "brick-hertz", "brick-tubes")
+        for order in (1, 2)
+    ),
 ]
 """Problem, mesh, order (None: all of them), pattern of the names of values, and the largest error that is aimed at."""
 
@@ -208,13 +217,15 @@ def picture(its: Problem, runs: Runs) -> Callable:
             )
             figure.colorbar(shown, ax=left)
         for each in () if its.in_space else bodies.values():
-            corners = each.triangles[:, :3]
+            corners, cell = linear_parts(each.cells, 2)
             # The body is drawn where it is.
             points = each.points if each.in_frame is None else each.points + each.displacement
-            left.tripcolor(*points.T, corners, each.von_mises, vmin=0.0, vmax=top, cmap="viridis")
+            left.tripcolor(
+                *points.T, corners, each.von_mises[cell], vmin=0.0, vmax=top, cmap="viridis"
+            )
             if len(corners) < 3000:
                 left.triplot(*points.T, corners, color="white", linewidth=0.3, alpha=0.6)
-            around = points[segments(boundary_facets(each.triangles)[0])]
+            around = points[segments(boundary_facets(each.cells, 2)[0])]
             left.plot(*around.transpose(2, 1, 0), color="black", linewidth=0.7)
         if its.view:
             left.set(xlim=its.view[:2], ylim=its.view[2:])

@@ -1,9 +1,8 @@
 """What the verification problems share: their form, and what is compared.
 
 docs/tables/verification.md says what each problem shows, what its scene is, and where the exact values are from. They
-stand in flat.py, curved.py, supports.py, images.py, around_axis.py, moving.py and solids.py; bodies.py and revolved.py
-have what
-their scenes are made of, forms.py the closed forms that some share.
+stand in flat.py, curved.py, supports.py, images.py, around_axis.py, moving.py, solids.py and bricks.py; bodies.py and
+revolved.py have what their scenes are made of, forms.py the closed forms that some share.
 """
 
 from __future__ import annotations
@@ -77,6 +76,7 @@ class Problem:
     unit : what n counts
     orders : of the elements
     view : of the picture: x from, to, y from, to
+    in_space : whether its bodies are solids
     """
 
     name: str
@@ -86,10 +86,7 @@ class Problem:
     unit: str
     orders: tuple[Order, ...]
     view: tuple[float, float, float, float] | None
-
-    @property
-    def in_space(self) -> bool:
-        return self.measure.__module__.endswith("solids")
+    in_space: bool
 
 
 PROBLEMS: dict[str, Problem] = {}
@@ -104,6 +101,7 @@ def problem(
     unit: str = "times finer than the coarsest meshes",
     orders: tuple[Order, ...] = (1, 2),
     view: tuple[float, ...] | None = None,
+    in_space: bool = False,
 ) -> Callable:
     """Decorator: makes a Problem in PROBLEMS of a function (n, order, folder) → `Results`, with - for _ in its name."""
 
@@ -123,7 +121,8 @@ def problem(
             )
 
         name = function.__name__.replace("_", "-")
-        PROBLEMS[name] = Problem(name, title, measure, meshes, unit, orders, view)
+        solid = in_space or function.__module__.endswith("solids")
+        PROBLEMS[name] = Problem(name, title, measure, meshes, unit, orders, view, solid)
         return measure
 
     return register

@@ -12,6 +12,7 @@ from by_skfem import stiffness_of
 from scipy.sparse.linalg import spsolve
 
 from ddmpi.mesh.build import build_mesh
+from ddmpi.run.answer import Answer
 from ddmpi.scene.bodies import BodySpec, Material
 from problems import ANGLE, AROUND, Order, Results, X, Y, along, mean_pressure, off, problem
 from problems.bodies import (
@@ -105,61 +106,74 @@ def remote_moment(n: int, order: Order, folder: Path) -> Results:
 
 @problem("A bolted joint")
 def bolted_joint(n: int, order: Order, folder: Path) -> Results:
-    force, load, steel, aluminium = 20e3, 10e3, 2.1e5, 7e4  # N, mm, MPa
-    bodies = [
-        body(
-            "lower",
-            block(0.0, 0.0, 10.0, 50.0, (3 * n, 5 * n), order),
-            steel,
-            0.0,
-            held(bottom="y"),
-        ),
-        body("upper", block(0.0, 50.0, 10.0, 50.0, (4 * n, 5 * n), order), steel, 0.0),
-        body(
-            "tube",
-            block(11.0, 0.0, 9.0, 100.0, (2 * n, 8 * n), order),
-            aluminium,
-            0.0,
-            held(bottom="y"),
-        ),
+    return bolt(n, order)
+
+
+def bolt(n: int, order: Order, **elements: str) -> Results:
+    """A bolt around an axis that holds a tube under a head."""
+    steel, aluminium = 2.1e5, 7e4  # MPa
+
+    def piece(name: str, inner: float, low: float, outer: float, high: float, across: int) -> dict:
+        mesh = block(
+            inner, low, outer - inner, high - low, (across * n, (high - low) * n // 10), order
+        )
+        young = aluminium if name == "tube" else steel
+        return body(name, mesh | elements, young, 0.0, held(bottom="y") if low == 0.0 else [])
+
+    shank, tube = steel * np.pi * 100.0 / 100.0, aluminium * np.pi * (400.0 - 121.0) / 100.0
+    pieces = [
+        piece("lower", 0.0, 0, 10.0, 50, 3),
+        piece("upper", 0.0, 50, 10.0, 100, 4),
+        piece("tube", 11.0, 0, 20.0, 100, 2),
     ]
-    head = plane("head", (0.0, 100.0), (0.0, -1.0), force=[0.0, load], history="work")
-    pretension = {"force": force, "along": [0.0, 1.0], "history": "tighten"}
+    values, answer = tightened(pieces, plane("head", (0.0, 100.0), (0.0, -1.0)), shank, tube)
+    return (
+        values,
+        answer,
+        along(
+            answer.contacts["cut"],
+            -5.0 * LOAD / np.pi / 100.0,
+            AROUND._replace(label="r (mm)"),
+            "pressure (MPa)",
+        ),
+    )
+
+
+FORCE, LOAD = 20e3, 10e3
+"""To which a bolt is tightened, and which then pulls at its head (N)."""
+
+
+def tightened(
+    pieces: list[dict], head: dict, shank: float, tube: float
+) -> tuple[dict[str, tuple], Answer]:
+    """A bolt of two pieces, "lower" and "upper", that holds a "tube" under a head, with their stiffness (N/mm), is
+    tightened, pulled by a load, and by five."""
+    up = [-each for each in head["normal"]]
+    pretension = {"force": FORCE, "along": up, "history": "tighten"}
     cut = contact(
         "lower", "upper", "top", "bottom", name="cut", kind="bonded", pretension=pretension
     )
     answer = solved(
-        bodies,
+        pieces,
         [cut, contact("upper", "head", "top", kind="bonded"), contact("tube", "head", "top")],
-        [head],
+        [head | {"force": [LOAD * each for each in up], "history": "work"}],
         1e-12,
-        axisymmetric=True,
+        axisymmetric=len(up) == 2,
         time={"points": [1.0, 2.0, 3.0], "steps": 1},
         history=courses(
             tighten=[(0.0, 0.0), (1.0, 1.0)], work=[(1.0, 0.0), (2.0, 1.0), (3.0, 5.0)]
         ),
     )
-    shank, tube = steel * np.pi * 100.0 / 100.0, aluminium * np.pi * (400.0 - 121.0) / 100.0
-    bolt = [step["contacts"]["cut"]["pretension"] for step in answer.summary["steps"]]
-    exact = [force, force + load * shank / (shank + tube), 5.0 * load]
+    steps = [step["contacts"]["cut"]["pretension"] for step in answer.summary["steps"]]
+    exact = [FORCE, FORCE + LOAD * shank / (shank + tube), 5.0 * LOAD]
     whens = "tightened", "under 10 kN", "under 50 kN"
-    return (
-        {
-            f"force {when} (N)": (step["force"], value, 1e-8)
-            for when, step, value in zip(whens, bolt, exact, strict=True)
-        }
-        | {
-            f"offset {when} (mm)": (step["offset"], force / shank + force / tube, 1e-8)
-            for when, step in zip(whens[::2], bolt[::2], strict=True)
-        },
-        answer,
-        along(
-            answer.contacts["cut"],
-            -5.0 * load / np.pi / 100.0,
-            AROUND._replace(label="r (mm)"),
-            "pressure (MPa)",
-        ),
-    )
+    return {
+        f"force {when} (N)": (step["force"], value, 1e-8)
+        for when, step, value in zip(whens, steps, exact, strict=True)
+    } | {
+        f"offset {when} (mm)": (step["offset"], FORCE / shank + FORCE / tube, 1e-8)
+        for when, step in zip(whens[::2], steps[::2], strict=True)
+    }, answer
 
 
 @problem("A block on springs")

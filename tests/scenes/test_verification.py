@@ -4,7 +4,7 @@ import re
 
 import pytest
 from experiment import TABLES
-from problems import PROBLEMS, around_axis, curved, flat, images, moving, solids, supports
+from problems import PROBLEMS, around_axis, bricks, curved, flat, images, moving, solids, supports
 
 pytestmark = pytest.mark.slow
 
@@ -44,8 +44,9 @@ def test_all_problems_are_there():
     )
     assert sorted(sections) == sorted(each.title for each in PROBLEMS.values())
     assert {each.measure.__module__ for each in PROBLEMS.values()} == {
-        module.__name__ for module in (flat, curved, supports, images, around_axis, moving, solids)
+        module.__name__
+        for module in (flat, curved, supports, images, around_axis, moving, solids, bricks)
     }
-    assert len(PROBLEMS) == 52
+    assert len(PROBLEMS) == 56
     for name, each in PROBLEMS.items():
         assert each.name == name and sorted(set(each.meshes)) == list(each.meshes)
