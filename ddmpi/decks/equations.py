@@ -19,22 +19,61 @@ CLOSE = 1e-4
 
 
 class Row(NamedTuple):
-    """The equation v · (u¹, u²) = 0 of the displacements of two nodes, with v (2d,), whose first half is a unit vector."""
+    """The equation v · (u¹, u²) = c g of the displacements of two nodes, with v (2d,), whose first half is a unit vector,
+    and the displacement g of another node that is `given`, if there is one."""
 
     card: Card
     nodes: tuple[int, int]
     v: np.ndarray
+    given: Acting | None = None
+    c: float = 0.0
 
     @property
     def swapped(self) -> Row:
         """The same with the other node first."""
-        return Row(self.card, self.nodes[::-1], np.roll(self.v, len(self.v) // 2))
+        return self._replace(nodes=self.nodes[::-1], v=np.roll(self.v, len(self.v) // 2))
 
     @property
     def dofs(self) -> np.ndarray:
         """(2d,) numbers of the components that it has, −1 of others."""
         numbers = np.array(self.nodes)[:, None] * 3 + np.arange(len(self.v) // 2)
         return np.where(np.abs(self.v) > CLOSE, numbers.ravel(), -1)
+
+
+class Tie(NamedTuple):
+    """What pairs of nodes say: u¹ = Q u² + g a with the displacement g of a node that is given, or that along one
+    direction alone.
+
+    Attributes
+    ----------
+    lead : the number of the pair that says so
+    Q : (d, d)
+    rows : (k, 2d) of (u¹, u²)
+    given, apart : its course of g, None if the sides move alike, and a (d,)
+    """
+
+    lead: int
+    Q: np.ndarray
+    rows: np.ndarray
+    given: Acting | None
+    apart: np.ndarray
+
+    @classmethod
+    def of(cls, pairs: Sequence[Sequence[Row]]) -> Tie | None:
+        """That of the first pair that says all, or else of the first that has one row; None if there is none."""
+        for lead, rows in enumerate(pairs):
+            if (Q := _turn(rows)) is not None:
+                return cls(lead, Q, np.hstack([np.eye(len(Q)), -Q]), *_difference(rows))
+        for lead, rows in enumerate(pairs):
+            a, b = np.split(rows[0].v, 2)
+            if len(rows) == 1 and np.abs(a + b).max() <= CLOSE:
+                return cls(lead, np.eye(len(a)), np.append(a, -a)[None], *_difference(rows))
+        return None
+
+    @property
+    def kind(self) -> str:
+        """That of the contact."""
+        return "bonded" if len(self.rows) == len(self.Q) else "guided"
 
 
 class Equations:
@@ -112,13 +151,21 @@ class Equations:
 
     def _rows(self, card: Card, terms: Sequence[tuple[int, int, float]]) -> list[Row]:
         """The equation of two nodes as a row; none, as it is lost, of others."""
-        of = defaultdict[int, Any](float)
+        of, others = defaultdict[int, Any](float), list[tuple[Acting, float]]()
+        free = {node for node, k, _ in terms if (node, k) not in self.supports}
         for node, k, c in terms:
-            of[node] = of[node] + c * self.acts.way(node, k)[: len(self.acts.axes)]
-        moving = [node for node, v in of.items() if v.any()]
-        if len(moving) == 2:
+            if len(free) == 2 and node not in free:
+                others.append((self.supports[node, k], c))
+            else:
+                of[node] = of[node] + c * self.acts.way(node, k)[: len(self.acts.axes)]
+        moving, moved = (
+            [node for node, v in of.items() if v.any()],
+            [x for x in others if x[0].moves],
+        )
+        if len(moving) == 2 and len(moved) < 2:
             (one, two), size = moving, np.linalg.norm(of[moving[0]])
-            return [Row(card, (one, two), np.append(of[one], of[two]) / size)]
+            row = Row(card, (one, two), np.append(of[one], of[two]) / size)
+            return [row._replace(given=given, c=float(-c / size)) for given, c in moved] or [row]
         if moving or any(k < 3 for _, k, _ in terms):  # all others are out of the plane
             self.notes.add("lost", card, "an equation of several free displacements")
         return []
@@ -128,6 +175,8 @@ class Equations:
         reason where they are none."""
         model, body = self.model, {node for node in nodes if node in self.acts.home}
         sides = np.array([row.v for row in rows]).reshape(len(rows), 2, -1)
+        if any(row.given for row in rows):
+            return "displacements that differ by a given one, of no pairs"
         along = {int(k) for k in np.abs(sides[:, 0]).argmax(axis=1)}
         if np.abs(sides.sum(axis=1)).max() > CLOSE or np.abs(sides).max(axis=2).min() < 1.0 - CLOSE:
             return "displacements that are not equal along one axis"
@@ -167,37 +216,58 @@ class Equations:
         return None if np.setdiff1d(np.flatnonzero(own), piece.facets[on]).size else on
 
     def _bond(self, first: Piece, second: Piece, left: list[list[Row]]) -> list[list[Row]]:
-        """Bond the faces of the pairs that stand to each other as the first one, x¹ = Q x² + t with u¹ = Q u²; the other
-        pairs."""
-        Q, lead = next(
-            ((Q, k) for k, one in enumerate(left) if (Q := _turn(one)) is not None), (None, 0)
-        )
-        if Q is None:
+        """Bond the faces of the pairs that stand to each other as the first one of a `Tie`, x¹ = Q x² + t; the other pairs."""
+        tie = Tie.of(left)
+        if tie is None:
             words = "pairs whose coefficients are those of no tie, shift or turn"
             self._tell([row for group in left for row in group], words, "")
             return []
         a, b = np.array([one[0].nodes for one in left]).T
-        here, there = (
-            piece.points[np.searchsorted(piece.nodes, nodes)]
-            for piece, nodes in ((first, a), (second, b))
+        here = first.points[np.searchsorted(first.nodes, a)]
+        there = second.points[np.searchsorted(second.nodes, b)]
+        off, close = here - there @ tie.Q.T, CLOSE * np.ptp(first.points)
+        near = np.linalg.norm(off - off[tie.lead], axis=1) <= close
+        fits = np.array(
+            [at and self._says(one, tie) for one, at in zip(left, near, strict=True)], bool
         )
-        off, close = here - there @ Q.T, CLOSE * np.ptp(first.points)
-        near = np.linalg.norm(off - off[lead], axis=1) <= close
-        fits = np.array([at and self._says(one, Q) for one, at in zip(left, near, strict=True)])
-        reason, image = _image(*self._way(Q, off[lead], close), close)
-        on, against = (
-            self._face(first, {*a[fits]}, self.fixed),
-            self._face(second, {*b[fits]}, self.fixed),
-        )
+        reason, entries = _image(*self._way(tie.Q, off[tie.lead], close), close)
+        on = self._face(first, {*a[fits]}, self.fixed)
+        against = self._face(second, {*b[fits]}, self.fixed)
         if on is None or against is None or len(on) != len(against):
             reason = "pairs of nodes that are no whole faces"
         elif not reason:
+            reason, gap = self._along(tie, left[tie.lead], first, on)
+            entries |= gap
+        if not reason:
             groups = [first.group(on, "tied"), second.group(against, "tied")]
-            bond = {"bodies": [first.name, second.name], "on": groups, "kind": "bonded"}
-            self.bonds.append(bond | image)
+            bond = {"bodies": [first.name, second.name], "on": groups, "kind": tie.kind}
+            self.bonds.append(bond | entries)
         for k in np.flatnonzero(fits):
-            self._tell(left[k], reason, "bonded contact")
+            self._tell(left[k], reason, f"{tie.kind} contact")
         return [left[k] for k in np.flatnonzero(~fits)]
+
+    def _along(
+        self, tie: Tie, lead: list[Row], first: Piece, on: np.ndarray
+    ) -> tuple[str, dict[str, Any]]:
+        """Why the first side, with these facets, has no such tie, as it is not along their normal; and the gap of a bond
+        whose first side goes farther than the second by a displacement that is given in the `lead`."""
+        normals = first.normals(on)
+
+        def across(v: np.ndarray) -> bool:
+            return bool(np.abs(normals @ v).min() >= (1.0 - CLOSE**2) * np.linalg.norm(v))
+
+        if tie.kind == "guided" and not across(tie.rows[0, : len(tie.Q)]):
+            return "pairs of no tie, shift or turn", {}
+        if tie.given is None:
+            return "", {}
+        if len({row.given.course for row in lead if row.given}) > 1:
+            return "differences that are given by several nodes", {}
+        if not across(tie.apart):
+            return "a given difference that is not along the normal of a flat face", {}
+        size = float(first.outward(on) @ tie.apart)
+        course = tuple((time, size * value) for time, value in tie.given.course)
+        gap, history = self.acts.factor(tie.given._replace(course=course))
+        return "", {"gap": {"value": gap, "history": history} if history else gap}
 
     def _way(self, Q: np.ndarray, t: np.ndarray, close: float) -> tuple[np.ndarray, np.ndarray]:
         """Q and t, or those of a bond before that are the same but for a few digits: a wheel has one turn."""
@@ -207,13 +277,15 @@ class Equations:
         self.ways.append((Q, t))
         return Q, t
 
-    def _says(self, rows: list[Row], Q: np.ndarray) -> bool:
-        """Whether rows of two nodes say the same as u¹ = Q u², with the supports of these nodes."""
+    def _says(self, rows: list[Row], tie: Tie) -> bool:
+        """Whether rows of two nodes say the same as a tie, with the supports of these nodes."""
+        if not _alike(_difference(rows), (tie.given, tie.apart)):
+            return False
         one, two = (self.held[node] for node in rows[0].nodes)
         held = [np.append(way, 0.0 * way) for way in one] + [
             np.append(0.0 * way, way) for way in two
         ]
-        bond, said = [*np.hstack([np.eye(len(Q)), -Q])], [row.v for row in rows]
+        bond, said = [*tie.rows], [row.v for row in rows]
         every = (held + said, held + bond, held + said + bond)
         return len({int(np.linalg.matrix_rank(some, CLOSE)) for some in every}) == 1
 
@@ -221,6 +293,20 @@ class Equations:
 def _nothing(card: Card, model: Model) -> Acting:
     """A support that stays."""
     return Acting(card, ((model.ends[-1], 0.0),))
+
+
+def _difference(rows: Sequence[Row]) -> tuple[Acting | None, np.ndarray]:
+    """The displacement that is given of rows that say u¹ = Q u² + g a, if one is, and a (d,)."""
+    A = np.array([row.v for row in rows])[:, : len(rows[0].v) // 2]
+    given = next((row.given for row in rows if row.given), None)
+    return given, np.linalg.pinv(A) @ [row.c for row in rows]
+
+
+def _alike(one: tuple[Acting | None, np.ndarray], other: tuple[Acting | None, np.ndarray]) -> bool:
+    """Whether two differences are the same."""
+    courses = [given and given.course for given, _ in (one, other)]
+    size = max(np.abs(a).max() for _, a in (one, other))
+    return courses[0] == courses[1] and bool(np.abs(one[1] - other[1]).max() <= CLOSE * size)
 
 
 def _turn(rows: Sequence[Row]) -> np.ndarray | None:

@@ -52,6 +52,21 @@ def test_equal_displacements_of_two_faces_are_a_bond(tmp_path, joint):
     assert answer.bodies["B"].displacement[:, 2].max() == pytest.approx(27.0 / YOUNG, rel=1e-9)
 
 
+def test_equal_displacements_along_the_normal_are_a_guided_face(tmp_path):
+    """Two boxes that slide past each other: the upper one is pushed aside, against the roller at its end, and neither
+    parts from the lower one nor moves it."""
+    deck = halves(equal("A_Z1", "B_Z0", [3]))
+    (contact,) = imported(tmp_path, deck)[0]["contact"]
+    assert contact["kind"] == "guided" and "image" not in contact
+    answer = solved(tmp_path, deck)
+    assert answer.bodies["B"].displacement[:, 2].max() == pytest.approx(27.0 / YOUNG, rel=1e-9)
+    pushed = solved(
+        tmp_path, deck.replace("B_Z1, 3, 1.", "B_Z1, 1, -1.\nB_Z0, 1, -1.\nB_Z1, 2, 1.")
+    )
+    below, above = (np.abs(pushed.bodies[name].displacement).max() for name in "AB")
+    assert below < 0.2 * above
+
+
 def wheel(angle: float = 90.0, d: int = 3, rows: str = "", first: int = 1, off: float = 0.0) -> str:
     """A sector of a ring from 1 to 2 under a pressure of 5 inside, whose flanks have equal displacements in the
     directions of a cylinder; with nodes from `first` on, which are `off` by this much."""
@@ -142,6 +157,36 @@ def test_opposite_faces_of_one_body_are_a_periodic_cell(tmp_path):
     pressed = step("*DLOAD", *(f"{k}, P2, 10." for k in range(9, 13)))
     (found,) = solved(tmp_path, deck + pressed).summary["contacts"].values()
     assert abs(found["normal_force"]) == pytest.approx(0.3 * 10.0 * 3.0, rel=1e-8)
+
+
+def apart(one: str, two: str, ref: int, components=(1, 2, 3)) -> str:
+    """Equations of the components of two sets that differ by those of a node."""
+    rows = (f"3\n{one}, {k}, 1., {two}, {k}, -1., {ref}, {k}, -1.\n" for k in components)
+    return "*NODE\n900, 9., 9., 9.\n901, 9., 9., 9.\n*EQUATION\n" + "".join(rows)
+
+
+def test_a_cell_whose_faces_differ_by_a_given_displacement_is_stretched(tmp_path):
+    """A cell, free to get thinner in y and z, is stretched by the displacement of a node, and back: E ε across."""
+    deck = BOX + "*BOUNDARY\nA_Z0, 3\nA_Y0, 2\n900, 2, 3\n" + apart("A_X1", "A_X0", 900)
+    stretched = deck + step("*BOUNDARY\n900, 1, 1, 0.01")
+    (contact,) = imported(tmp_path, stretched)[0]["contact"]
+    assert contact["image"] == {"shift": [1.0, 0.0, 0.0]} and contact["gap"] == 0.01
+    answer = solved(tmp_path, stretched)
+    (found,) = answer.summary["contacts"].values()
+    assert found["normal_force"] == pytest.approx(-YOUNG * 0.01 * 3.0 * 1.0, rel=1e-7)
+    back = stretched + step("*BOUNDARY\n900, 1, 1, -0.004")
+    (contact,) = imported(tmp_path, back)[0]["contact"]
+    assert contact["gap"]["value"] == 0.01
+    (found,) = solved(tmp_path, back).summary["contacts"].values()
+    assert found["normal_force"] == pytest.approx(YOUNG * 0.004 * 3.0, rel=1e-7)
+
+
+def test_a_node_that_stays_gives_no_difference(tmp_path):
+    """With a third node that is held, opposite faces are those of a periodic cell; so they are the other way around."""
+    for pair in (("A_X1", "A_X0"), ("A_X0", "A_X1")):
+        deck = BOX + "*BOUNDARY\nA_Z0, 3\nA_Y0, 2\n900, 1, 3\n" + apart(*pair, 900)
+        (contact,) = imported(tmp_path, deck + step("*DLOAD", "9, P2, 1."))[0]["contact"]
+        assert "gap" not in contact and contact["kind"] == "bonded"
 
 
 COLUMNS = (
@@ -241,7 +286,8 @@ HALF = "*EQUATION\n" + "".join(
     ("deck", "words"),
     [
         (halves(equal("A_Z1", "B_Z0", factor=-0.5)), "those of no tie, shift or turn"),
-        (halves(equal("A_Z1", "B_Z0", [3])), "those of no tie, shift or turn"),
+        (halves(equal("A_Z1", "B_Z0", [2])), "pairs of no tie, shift or turn"),
+        (halves(equal("A_Z1", "B_Z0", [2, 3])), "those of no tie, shift or turn"),
         (halves(HALF), "pairs of nodes that are no whole faces"),
         (halves(equal("A_Z1", "B_Z1").replace("B_Z1", "B_X1")), "no whole faces"),
         (COLUMNS + equal("A_Z1", "900", [1]) + step(), "not along all axes or the normal"),
@@ -251,6 +297,23 @@ HALF = "*EQUATION\n" + "".join(
         (
             COLUMNS + "*EQUATION\n3\n13, 3, 1., 14, 3, 1., 15, 3, 1.\n" + step(),
             "several free displacements",
+        ),
+        (
+            BOX + apart("A_X1", "A_X0", 900) + step("*BOUNDARY\n900, 1, 3, 0.01"),
+            "not along the normal of a flat face",
+        ),
+        (
+            BOX
+            + apart("A_X1", "A_X0", 900, [1, 3])
+            + apart("A_X1", "A_X0", 901, [2]).partition("*EQUATION\n")[2]
+            + step("*BOUNDARY\n900, 1, 1, 0.01\n900, 3, 3\n*BOUNDARY\n901, 2, 2, 0.02"),
+            "differences that are given by several nodes",
+        ),
+        (
+            COLUMNS
+            + "*EQUATION\n3\n14, 3, 1., 13, 3, -1., 900, 3, 1.\n3\n15, 3, 1., 13, 3, -1., 900, 3, 1.\n"
+            + step("*BOUNDARY\n900, 3, 3, 0.01"),
+            "displacements that differ by a given one, of no pairs",
         ),
         (COLUMNS + "*MPC\nMEANROT, 13, 14, 900\n" + step(), "MEANROT: of these BEAM, PIN and TIE"),
         (COLUMNS + "*EQUATION\n2\n13, 3, 1., 13, 3, 2.\n" + step(), "a component of node 13 twice"),

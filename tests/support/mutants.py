@@ -2491,6 +2491,20 @@ MUTANTS = [
             "decks/test_equations.py::test_equations_in_cylindrical_directions_are_a_sector",
         ),
         (
+            "a given difference goes the other way",
+            "decks/equations",
+            "c=float(-c / size)",
+            "c=float(c / size)",
+            "decks/test_equations.py::test_a_cell_whose_faces_differ_by_a_given_displacement_is_stretched",
+        ),
+        (
+            "one row of a pair says as much as a bond",
+            "decks/equations",
+            "'bonded' if len(self.rows) == len(self.Q) else 'guided'",
+            "'bonded'",
+            "decks/test_equations.py::test_equal_displacements_along_the_normal_are_a_guided_face",
+        ),
+        (
             "supports say nothing of pairs",
             "decks/equations",
             "every = (held + said, held + bond, held + said + bond)",
