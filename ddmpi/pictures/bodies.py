@@ -169,17 +169,22 @@ def _all_sectors(
     scene: dict, facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray
 ) -> list[np.ndarray]:
     """Triangles (f, 3), places (nv, d) and values (nv,) of a sector with those of all others of its wheel."""
-    asked = next(one["image"] for one in scene["contact"] if one["image"] and one["image"]["turn"])
-    image = msgspec.convert(asked, Image)
-    frame = image.frame(1.0, at.shape[1])
-    frames = [Frame.of(np.zeros(at.shape[1]))]
-    for _ in range((image.sectors or 1) - 1):
-        frames.append(frame.after(frames[-1]))
+    frames = sectors_of(scene, at.shape[1])
     return [
         np.vstack([facets + k * len(at) for k in range(len(frames))]),
         *(np.vstack([each.at(array) for each in frames]) for array in (at, still)),
         *(np.tile(array, len(frames)) for array in values),
     ]
+
+
+def sectors_of(scene: dict, d: int) -> list[Frame]:
+    """Where the sectors of a scene's wheel are; the first is the one that was computed."""
+    asked = next(one["image"] for one in scene["contact"] if one["image"] and one["image"]["turn"])
+    image = msgspec.convert(asked, Image)
+    frames = [Frame.of(np.zeros(d))]
+    for _ in range((image.sectors or 1) - 1):
+        frames.append(image.frame(1.0, d).after(frames[-1]))
+    return frames
 
 
 def draw_error(results: Results) -> Any:

@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 
 from ddmpi import __version__
 from ddmpi.errors import InputError
-from ddmpi.pictures.bodies import BRIGHTEST, largest_of
+from ddmpi.pictures.bodies import BRIGHTEST, largest_of, sectors_of
 from ddmpi.pictures.moved import ABOVE, apart, covered, magnify, pressed
 from ddmpi.pictures.script import view_template
 from ddmpi.pictures.sheet import limits
@@ -23,7 +23,7 @@ from ddmpi.results.fields import by_kind, owners
 from ddmpi.results.histories import at_step, load_steps, placed
 from ddmpi.results.tables import Columns, Results, read_results, reading
 from ddmpi.system.files import MECHANISM, write_page
-from ddmpi.system.numbers import scaled_unit
+from ddmpi.system.numbers import Frame, scaled_unit
 
 COLOURS = {
     name: [f"#{colour}" for colour in colours.split()]
@@ -124,6 +124,18 @@ class Scenery:
     def __init__(self, results: Results) -> None:
         d, output = results.dimension, results.summary["scene"]["output"]
         asked = {"view": output["view"]} if d > 2 and output.get("view") else {}
+        self._scale, shift = magnify(results)
+        self._sectors = sectors_of(results.summary["scene"], d) if output.get("sectors") else []
+        if self._sectors:
+            shift = np.vstack([shift @ frame.turned.T for frame in self._sectors])
+            results = replace(
+                results,
+                fields=_whole(self._sectors, results.fields),
+                surfaces={
+                    name: _whole(self._sectors, surface)
+                    for name, surface in results.surfaces.items()
+                },
+            )
         self._results, self._view = results, View(results.points, asked)
         skin, self._owner = (
             Skin(self._view, results.points, results.fields["cells"]),
@@ -140,7 +152,6 @@ class Scenery:
         self.nodes = np.unique(np.concatenate([skin.facets.ravel(), cells.ravel()]))
         self._number = np.zeros(len(self._owner), int)
         self._number[self.nodes] = np.arange(len(self.nodes))
-        self._scale, shift = magnify(results)
         self._s = _in_space(shift / (self._scale - 1.0) if self._scale > 1.0 else 0.0 * shift)
         self.arrays, points = Arrays(), _in_space(results.points)
         self.arrays.put("points", (points - self._s)[self.nodes])
@@ -164,6 +175,9 @@ class Scenery:
     def put(self, k: int, time: float, fields: Columns, surfaces: dict[str, Columns]) -> None:
         """Put the k-th load step."""
         results, nodes = self._results, self.nodes
+        if self._sectors:
+            fields = _whole(self._sectors, fields)
+            surfaces = {name: _whole(self._sectors, each) for name, each in surfaces.items()}
         u = _in_space(fields["displacement"][:, : results.dimension]) + self._s
         if results.frames:  # contacts then have other surfaces in each step
             at = (fields["points"] - self._s)[nodes]
@@ -250,6 +264,22 @@ class Scenery:
             ).tolist(),
             "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in results.parts],
         }
+
+
+def _whole(sectors: list[Frame], fields: Columns) -> Columns:
+    """Fields of a sector, or of what a contact covers, as those of all: points and displacements turn, cells have nodes of
+    their own, and all other values are the same."""
+    d, count = len(sectors[0].shift), len(fields["points"])
+    whole = {name: np.concatenate([values] * len(sectors)) for name, values in fields.items()}
+    for k, frame in enumerate(sectors):
+        own = slice(k * count, (k + 1) * count)
+        whole["points"][own, :d] = frame.at(fields["points"][:, :d])
+        if "displacement" in fields:
+            whole["displacement"][own, :d] = fields["displacement"][:, :d] @ frame.turned.T
+        cells = fields["cells"]
+        start = k * len(cells)
+        whole["cells"][start : start + len(cells)] = np.where(cells < 0, cells, cells + k * count)
+    return whole
 
 
 def _in_space(vectors: np.ndarray) -> np.ndarray:

@@ -64,7 +64,8 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
         distances[k] = _initially(table)[touching if touching.any() else slice(None)].mean(axis=0)
         # A rigid partner is no body and does not shift.
         bodies = [names.index(name) for name in contact["bodies"] if name in names]
-        apart[k, bodies] = (-1.0, 1.0)[: len(bodies)]
+        if len({*contact["bodies"]}) == 2:  # both sides of one body shift alike
+            apart[k, bodies] = (-1.0, 1.0)[: len(bodies)]
     shifts = np.zeros((len(names), results.dimension))
     if distances.any():
         # least squares: shifts of two bodies differ by the gaps of their contacts, weighted by their displacements

@@ -75,7 +75,7 @@ class Output(Table, frozen=True, kw_only=True):
     length_unit, stress_unit : labels in pictures, summary and messages; numbers are in the scene's own units
     magnification : of displacements and gaps in bodies.png; left out, it suits the picture
     mirrored : bodies.png of an axisymmetric scene also shows the other half
-    sectors : bodies.png of a sector, of a contact with a turned image, shows the whole wheel
+    sectors : bodies.png and view.html of a sector, of a contact with a turned image, show the whole wheel
     view : true for view.html, in which a browser turns the bodies; or the side from which pictures show solids: front,
         back (along y), left, right (x), bottom, top (z), iso, or [azimuth, elevation] in degrees, about z from x on
         and above the plane of x and y; left out, a corner that suits them

@@ -250,3 +250,36 @@ def test_axisymmetric_bodies_turn_around_their_axis(tmp_path):
         72 * strip,
         section,
     ]
+
+
+def test_a_view_of_a_sector_has_all_of_its_wheel(tmp_path):
+    """With `output.sectors`: in each quarter nodes that have turned with it, as far displaced and as stressed."""
+    mesh = {"shape": "annulus", "center": [0.0, 0.0], "radii": [1.0, 2.0], "angles": [0, 90]}
+    ring = {
+        "name": "ring",
+        "mesh": mesh | {"divisions": [4, 4]},
+        "material": {"young": 2.1e11, "poisson": 0.3},
+        "traction": [{"on": "outer", "pressure": "1e8 * (1 + 0.2*x*y*(x**2 - y**2))"}],
+    }
+    flanks = {"bodies": ["ring", "ring"], "on": ["end", "start"], "image": {"turn": 90.0}}
+    scene = {
+        "body": [ring],
+        "contact": [flanks | {"friction": {"law": "coulomb", "coefficient": 0.3}}],
+        "output": {"figures": False, "sectors": True},
+    }
+    run = run_here(write_scene(scene, tmp_path / "scene.toml"), tmp_path / "out")
+    assert run.code == 0, run.output
+    one = read_results(tmp_path / "out")
+    head, arrays = unpacked(write_view(tmp_path / "out"))
+    points, moved = (arrays[name].reshape(4, -1, 3)[:, :, :2] for name in ("points", "moved0"))
+    turned = np.eye(2)
+    for k in range(4):
+        assert points[k] == pytest.approx(one.points @ turned.T, abs=1e-4)
+        right = one.displacement() @ turned.T
+        assert moved[k] == pytest.approx(right, abs=1e-4 * np.abs(right).max())
+        turned = np.array([[0.0, -1.0], [1.0, 0.0]]) @ turned
+    stresses = arrays["von_mises0"].reshape(4, -1)
+    assert (stresses == stresses[0]).all() and stresses.any()
+    assert arrays["pressure0"].any() and arrays["painted"].max() + 1 == len(arrays["pressure0"])
+    assert head["low"][:2] == pytest.approx([-2.0, -2.0])
+    assert head["high"][:2] == pytest.approx([2.0, 2.0])

@@ -402,6 +402,13 @@ MUTANTS = [
             "scenes/test_sectors.py::test_a_sector_turns_freely_and_does_not_slide",
         ),
         (
+            "sectors of a view move as the first one",
+            "pictures/browser",
+            "fields['displacement'][:, :d] @ frame.turned.T",
+            "fields['displacement'][:, :d]",
+            "pictures/test_browser.py::test_a_view_of_a_sector_has_all_of_its_wheel",
+        ),
+        (
             "two nodes may have one number",
             "mesh/nodes",
             "if (count > 1).any():",
