@@ -190,3 +190,9 @@ for module in ("cli.main", "sweep.sweep"):
     )
     assert child.returncode == 0, child.stderr
     assert child.stdout.splitlines() == ["cli.main", "sweep.sweep"]
+
+
+def test_files_of_tests_have_names_of_their_own():
+    """Pytest imports them by their names alone, and refuses a whole run in which two have one."""
+    names = [path.name for path in (PACKAGE.parent / "tests").rglob("test_*.py")]
+    assert sorted(name for name in {*names} if names.count(name) > 1) == []

@@ -55,7 +55,11 @@ MEMBER, MORTAR, ARC = (
 )
 DECKS = "decks/test_import.py"
 TOGETHER = "decks/test_together.py"
-IMPORTED, EQUAL, FORMS = "check/test_bolts.py", "mesh/test_alike.py", "mesh/test_forms.py"
+IMPORTED, EQUAL, FORMS = (
+    "check/test_drafted_bolts.py",
+    "mesh/test_equal_solids.py",
+    "mesh/test_forms.py",
+)
 PARTS, NUMBERED = (
     "mesh/test_parts.py",
     "check/test_check.py::test_numbered_faces_are_told_and_proposed",
