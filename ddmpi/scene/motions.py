@@ -95,9 +95,11 @@ class Image(Moved, frozen=True, kw_only=True):
         if self.turn is None and not any(self.shift or ()):
             raise ValueError("an image is elsewhere; shift must not be zero")
         if self.turn is not None and not self.sectors:
+            count = 360.0 / abs(self.turn) if self.turn else np.inf
+            near = round(count) if 1.5 < count < np.inf else 0
             raise ValueError(
-                f"turn = {self.turn:g} does not close: 360/{abs(self.turn):g} = "
-                f"{360.0 / abs(self.turn) if self.turn else np.inf:.4g} is no number of sectors from 2 on"
+                f"turn = {self.turn:g} does not close: 360/{abs(self.turn):g} = {count:.6g} is no number of sectors from "
+                "2 on" + (f"; {near} of them turn by {360.0 / near:.12g}" if near else "")
             )
 
     @property

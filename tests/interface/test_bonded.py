@@ -156,6 +156,42 @@ def test_a_body_of_quadratic_tetrahedra_that_is_cut_by_a_bond_is_the_whole_one(c
     assert contact.interface.area.sum() == pytest.approx(1.0) and contact.interface.area.min() > 0.0
 
 
+def test_a_body_that_is_cut_into_four_is_the_whole_one():
+    """Also where four bonds meet along an edge, whose ties say one thing twice; with fewer products than the rows at
+    vertices took, 58 a body."""
+
+    def box(name: str, origin: list[float], count: int) -> dict:
+        size, cells = [float(count), 1.0, float(count)], [2 * count, 2, 2 * count]
+        mesh = {"shape": "box", "origin": origin, "size": size, "divisions": cells, "order": 2}
+        made = {"name": name, "mesh": mesh, "material": {"young": 2e11, "poisson": 0.3}}
+        pressed = [{"on": "top", "value": [1e6, 0.5e6, -2e6]}]
+        low, top = origin[2] == 0.0, origin[2] + count == 2.0
+        return made | {"clamp": ["bottom"] if low else [], "traction": pressed if top else []}
+
+    places = {
+        "b0": [0.0, 0.0, 0.0],
+        "b1": [1.0, 0.0, 0.0],
+        "b2": [0.0, 0.0, 1.0],
+        "b3": [1.0, 0.0, 1.0],
+    }
+    aside, above = ["right", "left"], ["bottom", "top"]
+    bonds = [("b0", "b1", aside), ("b2", "b3", aside), ("b2", "b0", above), ("b3", "b1", above)]
+    contacts = [{"bodies": [a, b], "on": on, "kind": "bonded"} for a, b, on in bonds]
+    boxes = [box(name, at, 1) for name, at in places.items()]
+    method = {"method": {"tolerance": 1e-11}}
+    cut = ddmpi.solve({"body": boxes, "contact": contacts} | method)
+    whole = ddmpi.solve({"body": [box("whole", [0.0, 0.0, 0.0], 2)]})
+    assert cut.certified, cut.reason
+    exact = whole.bodies["whole"]
+    place = dict(zip(map(tuple, exact.points.round(9)), exact.displacement, strict=True))
+    size = np.abs(exact.displacement).max()
+    for body in cut.bodies.values():
+        u = np.array([place[tuple(at)] for at in body.points.round(9)])
+        assert np.abs(body.displacement - u).max() <= 1e-9 * size
+    loose = ddmpi.solve({"body": boxes, "contact": contacts}).summary["bodies"].values()
+    assert np.mean([body["n_A_by_purpose"]["newton"] for body in loose]) <= 0.8 * 58
+
+
 @pytest.mark.parametrize(("elements", "rows"), [({}, 25), ({"elements": "bricks"}, 21)])
 def test_a_constant_stress_goes_through_a_bond_of_quadratic_solids(elements, rows):
     """Also where the larger side goes on beside it: all nodes bear the same pressure, as rows have areas."""

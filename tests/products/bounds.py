@@ -859,7 +859,7 @@ def seen_at(image: str) -> list[str]:
 
 IMAGES = [
     Bound(
-        "turn = 50 does not close: 360/50 = 7.2 is no number of sectors from 2 on",
+        "turn = 50 does not close: 360/50 = 7.2 is no number of sectors from 2 on; 7 of them turn by 51.4285714286",
         "pair",
         seen_at("{turn=50.0}"),
         seen_at("{turn=51.428571428571}"),
