@@ -1362,6 +1362,7 @@ BOUNDS = [
     *MOTIONS,
     *COPIES,
     *ITSELF,
+    *IMAGES,
     *ASKED,
 ]
 

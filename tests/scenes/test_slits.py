@@ -59,6 +59,8 @@ CASES = {
     "bricks": (FLAT._replace(bricks=True), 1, LOAD, {"friction": FRICTION}),
     "quadratic bricks": (FLAT._replace(bricks=True), 2, LOAD, {"friction": FRICTION}),
     "solid bricks": (WIDE._replace(bricks=True), 1, SOLID, {"friction": FRICTION}),
+    "bonded quadratic bricks": (WIDE._replace(bricks=True), 2, SOLID, {"kind": "bonded"}),
+    "quadratic solid bricks": (WIDE._replace(bricks=True), 2, SOLID, {"friction": FRICTION}),
     "quadratic solids": (WIDE, 2, SOLID, {"friction": FRICTION}),
 }
 
