@@ -291,6 +291,15 @@ class Joint:
         more, _ = gather_motions(self.exchange, self.space, self.members, columns)
         return self.rigid.joined(more), self.of_all(values)
 
+    def evened(self, s: np.ndarray) -> np.ndarray:
+        """Forces s (size,) with the same effect on all bodies, of which those of bonds are as in `Member.even`. Not
+        collective."""
+        s = s.copy()
+        forces = {name: s[entries] for name, entries in self.space.parts.items()}
+        for member in self.members:
+            member.even(forces)
+        return s
+
     def cross_points(self) -> CrossPoints:
         """The local compliance of nodes at which bodies have several contacts. Collective."""
         return CrossPoints(self.members, self.exchange, self.space)

@@ -18,6 +18,12 @@ from ddmpi.interface.trace import nodal_forces, seen
 from ddmpi.petsc.events import event
 from ddmpi.system.numbers import ROUNDING, Frame, norm
 
+RANK = 1e-9
+"""Singular values below this fraction of the largest are rounding: of ties that say one thing twice."""
+
+MOST = 3000
+"""Forces of more ties are not shared evenly: the dense algebra of so many takes half a minute."""
+
 
 class Member(Sides):
     """One body at its interfaces.
@@ -165,6 +171,35 @@ class Member(Sides):
         meets, acts = np.zeros((len(self.parts), B.shape[1] // d), bool), B.data != 0.0
         meets[contact[B.row[acts]], B.col[acts] // d] = True
         return np.repeat(meets.sum(axis=0) > 1, d)
+
+    def even(self, forces: Mapping[str, np.ndarray]) -> None:
+        """Share the `forces` of the body's bonds with its images, by contact, evenly at nodes that several of these have.
+
+        Four images of a node have four ties, of which three suffice: of all forces with the same effect on the body those
+        are taken for which Σ s²/area is least, as a constant stress has them. Not collective.
+        """
+        bonds = [each for each in self._sides if each[0].itself and each[0].law.two_sided]
+        if len(bonds) < 2:
+            return
+        moves = self.C.B.multiply(self.C.B).sum(axis=1).A1 > 0.0  # no row of clamped nodes alone
+        shared, found, rows, areas = self.shared() & moves, list[tuple[str, np.ndarray]](), [], []
+        for interface, entries, _ in bonds:
+            law = interface.law
+            some = np.flatnonzero(shared[entries] & law.live)
+            area = np.append(interface.area, np.repeat(interface.area[law.sliding], law.components))
+            found.append((interface.name, some))
+            rows.append(entries.start + some)
+            areas.append(area[some])
+        root = np.sqrt(np.concatenate(areas))
+        if len(root) > MOST:
+            return
+        B = self.C.B[np.concatenate(rows)]
+        B = root[:, None] * B[:, B.getnnz(axis=0) > 0].toarray()
+        s = np.concatenate([forces[name][some] for name, some in found])
+        s = root * (B @ np.linalg.lstsq(B, s / root, rcond=RANK)[0])
+        ends = np.cumsum([len(some) for _, some in found])[:-1]
+        for (name, some), own in zip(found, np.split(s, ends), strict=True):
+            forces[name][some] = own
 
     def mult(self, x: np.ndarray, y: np.ndarray, purpose: str, relative: float = 0.0) -> None:
         """y ← C x (metres from newtons), centred; both (size,), `relative` as for `Compliance.mult`. Collective."""

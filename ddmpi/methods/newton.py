@@ -225,6 +225,11 @@ class Newton(Outer):
     def motions(self) -> np.ndarray:
         return self._at.point.alpha
 
+    def even(self) -> None:
+        """Share the forces of bonds evenly where their ties say one thing twice, see `Joint.evened`. Not collective."""
+        point = self._at.point
+        self._at = self._at._replace(point=point._replace(s=self.joint.evened(point.s)))
+
     @property
     def gaps(self) -> np.ndarray:
         """(size,) the gaps under the present forces (m)."""

@@ -325,6 +325,7 @@ class Iteration:
             stopped = self._kept(outer.run(self._tolerance))
             if stopped == "converged" and isinstance(outer, Newton):
                 least_motion(self.assembly, outer, self._before, self._tolerance)
+                outer.even()
         except SolverError as error:
             if self.given > tolerance:
                 error.args = (

@@ -413,6 +413,13 @@ MUTANTS = [
             "pictures/test_browser.py::test_a_view_of_a_sector_has_all_of_its_wheel",
         ),
         (
+            "forces of ties are shared by their number, not their areas",
+            "coupling/member",
+            "root = np.sqrt(np.concatenate(areas))",
+            "root = np.ones(len(np.concatenate(areas)))",
+            "scenes/test_sectors.py::test_shifts_of_a_cell_in_space_are_held",
+        ),
+        (
             "two nodes may have one number",
             "mesh/nodes",
             "if (count > 1).any():",
