@@ -13,7 +13,9 @@ from mpi4py import MPI
 from ddmpi.body.compliance import bytes_in_words, memory_of_factors, memory_of_multigrid
 from ddmpi.body.loads import VOLUME, loads_by_group
 from ddmpi.check.drawing import Looked, draw
+from ddmpi.check.faces import describe_face
 from ddmpi.check.nearby import Boundary, Missing, find_missing
+from ddmpi.check.page import write_check
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.ranks import on_working_ranks
 from ddmpi.errors import NotConvergedError
@@ -23,7 +25,6 @@ from ddmpi.judge.motions import MotionsOfBody, undetermined
 from ddmpi.judge.overlap import doubt_overlaps
 from ddmpi.judge.plausible import doubt_cells, edge_lengths, locking_of
 from ddmpi.mesh.boundary import parts_of
-from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.forms import UNNAMED
 from ddmpi.mesh.mesh import PHYSICAL, Mesh
 from ddmpi.results.folder import choose_folder
@@ -57,18 +58,12 @@ SOLVERS = {
     "iterative": "multigrid",
 }
 
-SQUARE = (
-    "",
-    "",
-    "²",
-)  # the powers of the unit of length of lengths and areas, by the dimension of what has them
-
 
 def check(
     world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool
 ) -> None:
-    """Log meshes, supports, loads and contacts of `scene`. With `figures`, and matplotlib, draw them into the folder
-    `output`, or a new one under results/. Collective on `world`.
+    """Log meshes, supports, loads and contacts of `scene`. With `figures` write check.html and, with matplotlib, pictures
+    into the folder `output`, or a new one under results/. Collective on `world`.
 
     Raises the errors of a run, the same on all ranks; NotConvergedError if there is no equilibrium.
     """
@@ -84,7 +79,7 @@ def _check(
     """`check` on the ranks with bodies, of all `ranks`."""
     folder, claimed = None, contextlib.ExitStack()
     with agreed(world):
-        if world.rank == 0 and figures and has_matplotlib():
+        if world.rank == 0 and figures:
             folder = claimed.enter_context(
                 choose_folder(output, None, f"{Path(scene_path).stem}-check")
             )
@@ -106,11 +101,14 @@ def _check(
             for warning in condensed(doubts):
                 log.warning("%s", warning)
             if folder and world.rank in near:
-                names = draw(
-                    folder, scene, bodies, interfaces, missing, near.index(world.rank), len(near)
-                )
-                log.info("pictures in %s: %s", folder, ", ".join(names))
-            _tell_what_is_left_out(figures and not folder, assembly)
+                shown, number = (scene, bodies, interfaces, missing), near.index(world.rank)
+                if has_matplotlib():
+                    names = draw(folder, *shown, number, len(near))
+                    log.info("pictures in %s: %s", folder, ", ".join(names))
+                if number == len(near) - 1:
+                    write_check(folder / "check.html", *shown)
+                log.info("to turn, take apart and click: %s", folder / "check.html")
+            _tell_what_is_left_out(figures and not has_matplotlib(), assembly)
             if mechanism:
                 raise NotConvergedError(describe(mechanism))
 
@@ -157,6 +155,9 @@ def _look(body: Body, unit: str) -> Looked:
     ]
     foundations = [("foundation", foundation.on, None) for foundation in spec.foundation]
     supports = [*clamps, *foundations]
+    of_loads = [
+        (on, f"load: {_force(mesh, on, f)}{_following(history)}") for history, on, f in loads
+    ]
     dense = member.body.kind == "explicit"
     memory = (
         memory_of_multigrid(member.elasticity.A)
@@ -169,6 +170,7 @@ def _look(body: Body, unit: str) -> Looked:
         boundary,
         [load[1:] for load in loads],
         [(how, mesh.nodes_of(on)) for how, on, _ in supports],
+        [*((on, f"{how}{_following(history)}") for how, on, history in supports), *of_loads],
         memory,
         [
             _describe_mesh(mesh),
@@ -224,27 +226,10 @@ def _describe_loads(
 
 def _describe_faces(mesh: Mesh, boundary: Boundary, unit: str) -> Iterator[str]:
     """What each numbered face is, by its number: "8: plane, normal +z, 314 mm², about (0, 0, 5)". Not collective."""
-    d = mesh.dimension
     for name in sorted(mesh.faces, key=int):
-        face, some = mesh.faces[name], boundary.groups[name]
-        at, normal = boundary.at[some].mean(axis=1), boundary.normal[some]
-        measures = facet_measures(boundary.at[some])
-        middle, mean = (measures @ values / measures.sum() for values in (at, normal))
-        words = [face.kind]
-        if face.radius:  # normals of a hollow one point to each other
-            hollow = np.einsum("kd,kd->k", normal, at - middle) @ measures < 0.0
-            words += [f"r {face.radius:.3g}", *["hollow"] * bool(hollow)]
-        elif np.ptp(normal, axis=0).max() < 1e-6:
-            axis = int(np.abs(mean).argmax())
-            words.append(
-                "normal " + ("+" if mean[axis] > 0.0 else "-") + "xyz"[axis]
-                if abs(mean[axis]) > 1 - 1e-9
-                else f"normal {in_words(np.round(mean, 4) + 0.0, 3)}"
-            )
-        yield (
-            f"{name}: {', '.join(words)}, {face.measure or measures.sum():.4g} {unit}{SQUARE[d - 1]}, about "
-            f"{in_words(np.array(face.place), 4)}" + f", or {face.words!r}" * bool(face.words)
-        )
+        face = mesh.faces[name]
+        words = describe_face(boundary, boundary.groups[name], face, unit)
+        yield f"{name}: {words}" + f", or {face.words!r}" * bool(face.words)
 
 
 def _prescribed(clamp: Clamp, d: int) -> str:

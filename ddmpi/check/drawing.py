@@ -62,6 +62,7 @@ class Looked:
         tuple[str, np.ndarray]
     ]  # nodal loads (nv, d) by group (N), that of the volume force is VOLUME
     supports: list[tuple[str, np.ndarray]]  # clamps and foundations in words, and their nodes
+    acting: list[tuple[str, str]]  # the groups of supports and loads, with both in words
     memory: float  # bytes of its factors or of multigrid, beside its matrix; an estimate
     words: list[str]  # lines of the page
     doubt: str  # a warning of its mesh, or nothing
@@ -224,6 +225,7 @@ def as_results(
         {
             "title": scene.title,
             "bodies": dict.fromkeys(bodies),
+            "contacts": {interface.name: {"slave": interface.slave} for interface in interfaces},
             "scene": plain_scene,
             "steps": [],
             "units": scene.units,
@@ -266,7 +268,7 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
 def _point_loads(plan: Plan, looked: Sequence[Looked], unit: str) -> dict[str, str]:
     """Draw loads on groups as arrows; by their colour the words of the legend, with the largest, in a `unit`."""
     arrows = [
-        _stresses(body, on, f, plan.size / PLACES)
+        stresses(body, on, f, plan.size / PLACES)
         for body in looked
         for on, f in body.loads
         if on != VOLUME
@@ -298,7 +300,7 @@ def _mark_supports(plan: Plan, looked: Sequence[Looked]) -> dict[str, str]:
     markers: dict[str, str] = {}
     for body in looked:
         for how, nodes in body.supports:
-            at, _ = _thinned(body.mesh.points[nodes], plan.size / PLACES)
+            at, _ = thinned(body.mesh.points[nodes], plan.size / PLACES)
             plan.mark(at, markers.setdefault(how, MARKERS[len(markers) % len(MARKERS)]))
     return markers
 
@@ -419,7 +421,7 @@ def _meshed(plan: Plan, body: Looked, colours: Mapping[str, str]) -> tuple[Surfa
     return Surface(points, skin.facets, lambda face, _: paint[face], skin.beyond), height
 
 
-def _thinned(
+def thinned(
     at: np.ndarray, size: float, *values: np.ndarray
 ) -> tuple[np.ndarray, list[np.ndarray]]:
     """Means (j, d) of the places (k, d) in cubes of a size, and the sums of values (k, …) there."""
@@ -433,7 +435,7 @@ def _thinned(
     return sums[0] / count[:, None], sums[1:]
 
 
-def _stresses(
+def stresses(
     body: Looked, on: str, f: np.ndarray, size: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (k, d) on the group `on`, its load at them (Pa), and outward vectors; from nodal loads (nv, d)."""
@@ -444,7 +446,7 @@ def _stresses(
         nodal(facet_shares(body.mesh.points[facets], body.mesh.axisymmetric), facets, len(f)),
     )
     outward = nodal(np.repeat(normal[:, None], facets.shape[1], axis=1), facets, len(f))
-    at, (force, around, outward) = _thinned(
+    at, (force, around, outward) = thinned(
         body.mesh.points[nodes], size, f[nodes], area[nodes], outward[nodes]
     )
     return at, force / np.where(around > 0.0, around, np.inf)[:, None], outward

@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 from scipy.sparse import csgraph
 
 from ddmpi.mesh.boundary import SHARPEST, creases, parts_of
+from ddmpi.mesh.elements import cell_with
 from ddmpi.mesh.mesh import Face, Mesh
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.scene.reader import write_toml
@@ -29,7 +30,7 @@ class Boundary:
     """The boundary of a body."""
 
     facets: np.ndarray  # (f, l) their nodes
-    at: np.ndarray  # (f, d, d) their corners (m)
+    at: np.ndarray  # (f, c, d) their corners (m)
     normal: np.ndarray  # (f, d) outer unit normals
     groups: Mapping[str, np.ndarray]  # by name which facets (f,) bool belong to it
     faces: Mapping[str, Face] = field(
@@ -72,17 +73,36 @@ class Boundary:
         """(f,) longest edges of the facets (m)."""
         return np.linalg.norm(self.at - np.roll(self.at, 1, axis=1), axis=2).max(axis=1)
 
+    @property
+    def cut(self) -> Self:
+        """The boundary with quadrilaterals cut into triangles."""
+        (_, corners, d), flat = self.at.shape, self.at.shape[2] - 1
+        if corners == d:
+            return self
+        parts = cell_with(corners, flat).parts
+        return replace(
+            self,
+            facets=self.facets[:, parts].reshape(-1, d),
+            at=self.at[:, parts].reshape(-1, d, d),
+            normal=self.normal.repeat(len(parts), axis=0),
+            groups={name: some.repeat(len(parts)) for name, some in self.groups.items()},
+        )
+
+    @property
+    def simple(self) -> list[str]:
+        """The groups of the mesh, without those that a scene combines."""
+        return [
+            name
+            for name in self.groups
+            if parts_of(name, ()) == [name] or not self.groups.keys() >= {*parts_of(name, ())}
+        ]
+
     def named(self, some: np.ndarray) -> np.ndarray:
         """Groups of some facets (k,), or "": of a facet's groups the one with the most of these facets, of equal ones
         the smallest."""
         names = np.full(len(some), "", dtype=object)
-        simple = [
-            name
-            for name in self.groups
-            if parts_of(name, ()) == [name] or not self.groups.keys() >= {*parts_of(name, ())}
-        ]  # what a scene combines is no name
         for name in sorted(
-            simple,
+            self.simple,
             key=lambda name: (
                 -self.groups[name][some].sum(),
                 self.groups[name].sum(),
@@ -225,11 +245,16 @@ class _Nearest:
             yield a, b, self.gap[some], first[some], second[some]
 
 
+def _in_triangles(boundaries: Mapping[str, Boundary]) -> dict[str, Boundary]:
+    return {name: body.cut for name, body in boundaries.items()}
+
+
 def find_missing(
     boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid], contacts: Sequence[SettledContact]
 ) -> Iterator[Missing]:
     """Groups of bodies, of one or two, and rigid partners, that face each other closer than NEAR, but not in a contact
     of both. Facets are compared with the nearest point to their middle. Not collective."""
+    boundaries = _in_triangles(boundaries)
     bodies, names = list(boundaries.values()), [*boundaries, *(surface.name for surface in rigid)]
     number = {name: k for k, name in enumerate(names)}
     nearest = _Nearest(bodies)

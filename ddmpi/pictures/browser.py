@@ -1,9 +1,12 @@
-"""view.html: the results of a run, to be turned in a browser. One file without references to a network."""
+"""view.html: the results of a run, to be turned in a browser. One file without references to a network.
+
+Its script shows whatever the head and the arrays of a page say; `ddmpi.check.page` writes others."""
 
 import base64
 import json
 import string
 import zlib
+from collections.abc import Sequence
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -100,11 +103,16 @@ def _page(results: Results, folder: Path) -> str:
     shown = "von_mises", "nodal_von_mises"
     for k, (time, fields, surfaces) in enumerate(load_steps(results, folder, most, shown)):
         scene.put(k, time, fields, surfaces)
+    return page_of(results, scene.head(), scene.arrays)
+
+
+def page_of(results: Results, head: dict[str, Any], arrays: Arrays) -> str:
+    """A page that shows `arrays` as its `head` says."""
     return string.Template(view_template()).substitute(
         version=__version__,
         title=escape(results.summary["title"] or ", ".join(results.summary["bodies"])),
-        head=json.dumps(scene.head()).replace("<", "\\u003c"),
-        data=scene.arrays.packed(),
+        head=json.dumps(head).replace("<", "\\u003c"),
+        data=arrays.packed(),
     )
 
 
@@ -152,8 +160,8 @@ class Scenery:
         self.nodes = np.unique(np.concatenate([skin.facets.ravel(), cells.ravel()]))
         self._number = np.zeros(len(self._owner), int)
         self._number[self.nodes] = np.arange(len(self.nodes))
-        self._s = _in_space(shift / (self._scale - 1.0) if self._scale > 1.0 else 0.0 * shift)
-        self.arrays, points = Arrays(), _in_space(results.points)
+        self._s = in_space(shift / (self._scale - 1.0) if self._scale > 1.0 else 0.0 * shift)
+        self.arrays, points = Arrays(), in_space(results.points)
         self.arrays.put("points", (points - self._s)[self.nodes])
         self.arrays.put("facets", self._number[skin.facets])
         self.arrays.put("edges", self._number[sharp_edges(points, skin.facets)])
@@ -166,7 +174,7 @@ class Scenery:
 
     def _paint(self, results: Results, points: np.ndarray, step: int | str = "") -> dict[str, Any]:
         """Put the surfaces of contacts of bodies with these `points` (nv, 3)."""
-        painted = _painted(results, points, self._owner)
+        painted = painted_on(results, points, self._owner, pressed(results))
         painted["surface"] -= self._s[painted["nearest"]]
         for name in "surface", "above", "painted", "bearer", *["rims"] * results.axisymmetric:
             self.arrays.put(f"{name}{step}", painted[name])
@@ -178,7 +186,7 @@ class Scenery:
         if self._sectors:
             fields = _whole(self._sectors, fields)
             surfaces = {name: _whole(self._sectors, each) for name, each in surfaces.items()}
-        u = _in_space(fields["displacement"][:, : results.dimension]) + self._s
+        u = in_space(fields["displacement"][:, : results.dimension]) + self._s
         if results.frames:  # contacts then have other surfaces in each step
             at = (fields["points"] - self._s)[nodes]
             self.low = np.minimum(self.low, at.min(axis=0))
@@ -282,13 +290,15 @@ def _whole(sectors: list[Frame], fields: Columns) -> Columns:
     return whole
 
 
-def _in_space(vectors: np.ndarray) -> np.ndarray:
+def in_space(vectors: np.ndarray) -> np.ndarray:
     """Vectors (k, 3) of those in the plane or in space (k, d)."""
     return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
-def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[str, Any]:
-    """The surfaces of contacts on both sides: places `surface` (n, 3), how far they are drawn `above` (n, 3) the part
+def painted_on(
+    results: Results, points: np.ndarray, owner: np.ndarray, contacts: Sequence[dict]
+) -> dict[str, Any]:
+    """The surfaces of some contacts on both sides: places `surface` (n, 3), how far they are drawn `above` (n, 3) the part
     that bears them, and the triangles `painted` (f, 3) between them; the number `bearer` (n,) of that part, the
     `nearest` (n,) node, which they move with; the lines `rims` (r, 2) of contacts in the plane; and by
     contact the `rows` of its surface that they stand for."""
@@ -297,7 +307,7 @@ def _painted(results: Results, points: np.ndarray, owner: np.ndarray) -> dict[st
     places, above, triangles = [np.zeros((0, 3))], [np.zeros((0, 3))], [np.zeros((0, 3), int)]
     rims = [np.empty(0, int).reshape(-1, 2)]
     bearers, nearest, rows, first = [], [], list[tuple[str, np.ndarray]](), 0
-    for contact in pressed(results):
+    for contact in contacts:
         at, cells, outward, faces = covered(results, contact)
         for body, sign, facets in faces:
             some = np.arange(len(at))

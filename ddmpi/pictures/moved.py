@@ -186,10 +186,16 @@ def apart(results: Results, view: View) -> dict[str, np.ndarray]:
             continue
         mean, least, axes = directions(vectors(table, "n"), table["area"])
         weight = 1.0
+        if results.axisymmetric:
+            mean = mean * (0.0, 1.0)  # rings move along their axis
         if np.linalg.norm(mean) > FACING:
+            across = (points - points[0])[:, : len(mean)] @ frames(unit(mean[None]))[0, 1:].T
             # The hull of a flat contact is in a plane, and its volume an area.
-            hull = ConvexHull((points - points[0]) @ frames(unit(mean[None]))[0, 1:].T)
-            aim[:] = -OPENED * np.sqrt(hull.volume) * unit(mean)
+            wide = np.sqrt(ConvexHull(across).volume) if view.solid else np.ptp(across)
+            aim[: len(mean)] = -OPENED * wide * unit(mean)
+        elif not view.solid:  # rings in the plane, and around an axis
+            k = int(results.axisymmetric)
+            aim[k], weight = 1.1 * np.ptp(points[:, k]), 1e-3
         elif least[0] <= STRAIGHT and least[1] > STRAIGHT:
             aim[:] = (
                 1.1

@@ -152,7 +152,7 @@ def _no_scene(path: str | Path) -> str:
     what = "an Abaqus or CalculiX deck" if ending == ".inp" else f"a {ending[1:].upper()} file"
     return key and (
         f"{path}: {what}, and no scene; a scene is a file in TOML, where a body names this one: "
-        f"mesh = {{ {key} = {_value(Path(path).name)} }}"
+        f"mesh = {{ {key} = {to_toml(Path(path).name)} }}"
     )
 
 
@@ -179,6 +179,15 @@ def write_toml(scene: dict) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def write_entry(key: str, value: Any) -> str:
+    """A key with a value as TOML. Not collective.
+
+    >>> write_entry("clamp", [7, {"on": "top", "x": 0.0, "y": None}])
+    'clamp = [7, { on = "top", x = 0.0 }]'
+    """
+    return f"{_key(key)} = {to_toml(value)}"
+
+
 def _is_table(value: Any) -> bool:
     """Whether `value` is a table with entries, or a list of tables."""
     return bool(value) and (
@@ -189,24 +198,22 @@ def _is_table(value: Any) -> bool:
 def _entries(table: dict, between: str = "\n") -> str:
     """Those keys of a table that have a value."""
     return between.join(
-        f"{_key(key)} = {_value(value)}"
-        for key, value in table.items()
-        if value not in (None, [], {})
+        write_entry(key, value) for key, value in table.items() if value not in (None, [], {})
     )
 
 
 def _key(key: str) -> str:
-    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else _value(key)
+    return key if re.fullmatch(r"[A-Za-z0-9_-]+", key) else to_toml(key)
 
 
-def _value(value: Any) -> str:
+def to_toml(value: Any) -> str:
     """A value on one line, but for lists of several tables."""
     if isinstance(value, dict):
         return f"{{ {_entries(value, ', ')} }}"
     if isinstance(value, list | tuple):
         several = len(value) > 1 and _is_table(value)
         start, between, end = ("[\n    ", ",\n    ", ",\n]") if several else ("[", ", ", "]")
-        return start + between.join(map(_value, value)) + end
+        return start + between.join(map(to_toml, value)) + end
     if isinstance(value, str | bool):  # JSON's words and strings are TOML's
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return repr(value)

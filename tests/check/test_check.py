@@ -118,7 +118,8 @@ def test_around_an_axis_with_springs_and_pushed_partners(looked_at, tmp_path):
         frozenset({("ring", "bottom"), ("floor", "")}),
         frozenset({("ring", "top"), ("stamp", "")}),
     }
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"bodies.png", "contacts.png"}
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"bodies.png", "contacts.png", "check.html"}
 
 
 def test_nothing_is_factored():
@@ -172,6 +173,18 @@ def test_what_lies_near_is_measured_by_the_smaller_facet(gap, found, looked_at):
     assert (f"block2 and block3 are {gap / 8:.3g} m apart at" in text) == found
 
 
+def test_contacts_of_bricks_are_proposed(looked_at):
+    """Two boxes of hexahedra on each other: the sides that meet, and no others."""
+    bodies = [
+        box("low", (0, 0, 0), (1, 1, 1), (2, 2, 2)),
+        box("high", (0, 0, 1), (1, 1, 1), (3, 3, 3)),
+    ]
+    for body in bodies:
+        body["mesh"]["elements"] = "bricks"
+    text = looked_at({"body": bodies})
+    assert sides(proposed(text)) == {frozenset({("low", "top"), ("high", "bottom")})}
+
+
 def test_a_second_contact_of_two_bodies_has_a_name(looked_at):
     """Two contacts of the same bodies must be told apart, and so a scene with the lines is read."""
     scene = {
@@ -188,7 +201,7 @@ def test_a_second_contact_of_two_bodies_has_a_name(looked_at):
 
 
 def test_the_lines_quote_all_names():
-    lack, taken = Missing(('a"b', "c"), ("\\x", "é"), np.empty(0), (0.0, 0.0)), set()
+    lack, taken = Missing(('a"b', "c"), ("\\x", "é"), np.empty(0), (0.0, 0.0), [{}, {}]), set()
     first, second = proposed(lack.lines(taken) + "\n" + lack.lines(taken))
     assert first == {"bodies": ['a"b', "c"], "on": ["\\x", "é"]} and second == first | {
         "name": 'a"b-c-2'
@@ -326,12 +339,15 @@ def test_numbered_faces_are_drawn(looked_at, tmp_path):
     looked_at(scene | {"body": scene["body"][:1]}, "out")
     names = {path.name for path in (tmp_path / "out").iterdir()}
     assert names >= {"bodies.png", "bodies_behind.png", "faces_block.png", "faces_block_behind.png"}
-    drawn = {name: image.imread(tmp_path / "out" / name)[..., :3] for name in names}
-    for name in names - {"contacts.png"}:
+    drawn = {
+        name: image.imread(tmp_path / "out" / name)[..., :3] for name in names - {"check.html"}
+    }
+    for name in drawn.keys() - {"contacts.png"}:
         assert (drawn[name].min(axis=2) < 0.9).mean() > 0.1, name
     # the clamped face x = -2 is on the left, so its marks are seen from behind alone: a green that nothing else has
     green = {
-        name: (np.abs(drawn[name] - [0.12, 0.435, 0.29]).max(axis=2) < 0.05).sum() for name in names
+        name: (np.abs(seen - [0.12, 0.435, 0.29]).max(axis=2) < 0.05).sum()
+        for name, seen in drawn.items()
     }
     assert green["bodies_behind.png"] > 2 * green["bodies.png"]
 
@@ -354,6 +370,7 @@ def test_pictures(scene, looked_at, tmp_path):
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "bodies.png",
         "contacts.png",
+        "check.html",
     } | solid
     with pytest.raises(InputError, match="name a new folder"):
         looked_at(scene, "out")
@@ -367,7 +384,7 @@ def test_a_check_that_is_interrupted_has_nothing_to_save(monkeypatch):
 
     monkeypatch.setattr(commands, "_run", ends)
     with pytest.raises(InterruptionError, match=r"^before the check was done$"):
-        commands.COMMANDS["check"](None, None, [])
+        commands.COMMANDS["check"](None, SimpleNamespace(output=None), [])
 
 
 @pytest.mark.slow

@@ -2,13 +2,11 @@
 
 import json
 import re
-import zlib
-from base64 import b64decode
 
 import made_up
 import numpy as np
 import pytest
-from browser import in_browser, opened
+from browser import in_browser, opened, unpacked
 from made_up_solids import stacked
 from scenes import call, pinched_blocks, rectangle, run_here, write_scene
 
@@ -16,19 +14,6 @@ from ddmpi.errors import InputError
 from ddmpi.pictures.browser import _page, write_view
 from ddmpi.pictures.moved import magnify
 from ddmpi.results.tables import read_results
-
-
-def unpacked(path) -> tuple[dict, dict[str, np.ndarray]]:
-    """The head of a view, and its arrays as the page reads them."""
-    text = path.read_text(encoding="utf-8")
-    head, data = (
-        re.search(rf'id="{name}">(.*?)</script>', text, re.S)[1] for name in ("head", "data")
-    )
-    block, arrays = zlib.decompress(b64decode(data)), {}
-    for name, of in json.loads(head)["arrays"].items():
-        raw = np.frombuffer(block, f"<{of['type']}", of["size"], of["at"])
-        arrays[name] = of["low"] + (of["high"] - of["low"]) * raw / 65535 if "high" in of else raw
-    return json.loads(head), arrays
 
 
 def test_a_view_has_what_the_results_have(tmp_path):

@@ -5,6 +5,8 @@ import re
 import shutil
 import subprocess
 import time
+import zlib
+from base64 import b64decode
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +14,7 @@ from typing import Any
 from urllib.error import HTTPError
 from urllib.request import Request, urlopen
 
+import numpy as np
 import pytest
 from scenes import LIMIT
 
@@ -112,3 +115,16 @@ def opened(path: Path, mark: str = "", width: int = 800, height: int = 600) -> I
     finally:
         driver.terminate()
         driver.wait()
+
+
+def unpacked(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
+    """The head of a view, and its arrays as the page reads them."""
+    text = path.read_text(encoding="utf-8")
+    head, data = (
+        re.search(rf'id="{name}">(.*?)</script>', text, re.S)[1] for name in ("head", "data")
+    )
+    block, arrays = zlib.decompress(b64decode(data)), {}
+    for name, of in json.loads(head)["arrays"].items():
+        raw = np.frombuffer(block, f"<{of['type']}", of["size"], of["at"])
+        arrays[name] = of["low"] + (of["high"] - of["low"]) * raw / 65535 if "high" in of else raw
+    return json.loads(head), arrays

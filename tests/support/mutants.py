@@ -4929,7 +4929,7 @@ MUTANTS = [
             "sweep/test_verdict.py",
         ),
         # check, cli
-        ("a bore is a shaft", "check/check", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
+        ("a bore is a shaft", "check/faces", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
         (
             "a pin that fits its hole from the head on is a bolt",
             "check/bolts",
@@ -4964,6 +4964,34 @@ MUTANTS = [
             "(any(same) or all(smooth))",
             "any(same)",
             NUMBERED,
+        ),
+        (
+            "the axis of a cylinder is across it",
+            "check/faces",
+            "normal, normal))[1][:, 1:]",
+            "normal, normal))[1][:, :-1]",
+            "check/test_page.py::test_faces_without_a_drawing_have_a_kind",
+        ),
+        (
+            "half of a quadrilateral has no neighbour",
+            "check/nearby",
+            "normal=self.normal.repeat(len(parts), axis=0)",
+            "normal=np.tile(self.normal, (len(parts), 1))",
+            "check/test_check.py::test_contacts_of_bricks_are_proposed",
+        ),
+        (
+            "a line that clamps a side keeps its other clamp",
+            "check/page",
+            "if str(_group(one)) != str(on)",
+            "if str(_group(one)) == str(on)",
+            "check/test_page.py::test_a_click_tells_what_a_side_is_and_does",
+        ),
+        (
+            "rings come apart along their radius",
+            "pictures/moved",
+            "mean = mean * (0.0, 1.0)",
+            "mean = mean * (1.0, 0.0)",
+            "check/test_page.py::test_parts_come_apart_in_the_plane_and_around_an_axis",
         ),
         (
             "solids from behind are seen from the front",
