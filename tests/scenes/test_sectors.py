@@ -342,15 +342,22 @@ def test_an_image_that_does_not_face_is_refused():
         sector["contact"][0]["image"] = {"turn": turn}
         words = f"contact.ring-ring.image: with ring.start, turned by {turn:g} degrees, {why} "
         assert_refused(sector, words, ". A turn the other way is negative")
+    thin = {"body": [segment("ring", 0.0, 3.6, 1, 2)], "contact": [flanks("ring", **BOND)]}
+    for count, fits in (100, True), (101, False), (99, False):
+        thin["contact"][0]["image"] = {"turn": 360.0 / count}
+        if fits:
+            certified(thin)
+        else:
+            assert_refused(thin, "both sides are 0.0", "and a bond holds sides that meet")
     layer = cell(1, **BOND)
-    for shift, fits in (-2.05, True), (-2.07, False):  # by 3 % of the way
+    for shift, fits in (-2.003, True), (-2.005, False):  # by 0.2 % of the way, as sides are flat
         layer["contact"][0]["image"] = {"shift": [shift, 0.0]}
         if fits:
             certified(layer)
         else:
             assert_refused(
                 layer,
-                "contact.flank.image: with layer.right, shifted by (-2.07, 0), both sides are 0.07 m",
+                "contact.flank.image: with layer.right, shifted by (-2.005, 0), both sides are 0.005 m",
             )
 
 
