@@ -91,64 +91,55 @@ def loads_of_loose(assembly: Assembly) -> np.ndarray:
 
 def motions_without_resistance(assembly: Assembly) -> list[str]:
     """The rigid motions that no force of any contact resists, a sentence each, the same on all ranks. Collective."""
-    return _undetermined(
-        assembly,
-        lambda interface: (
-            sparse.identity(interface.size, format="csr"),
-            sparse.csr_matrix((1, interface.size)),
-        ),
-    )
+    return _undetermined(assembly, lambda interface, powers: (powers, np.zeros(interface.size)))
 
 
 def undetermined_motions(assembly: Assembly, contacts: Mapping[str, ContactState]) -> list[str]:
     """The rigid motions that no contact resists at the solution, a sentence each, the same on all ranks. Collective."""
 
-    def resists(interface: Interface) -> tuple[sparse.csr_matrix, sparse.csr_matrix]:
-        """A row (size,) for each force that resists motions: normal ones of closed nodes, tangential ones of sticking
-        nodes, and in space those across the friction of slipping nodes, which turn it. And the friction (1, size) of
-        slipping nodes (N)."""
+    def resists(interface: Interface, powers: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Of the forces that resist motions: normal ones of closed nodes, tangential ones of sticking nodes, and in space
+        those across the friction of slipping nodes, which turn it. And the friction of slipping nodes (size,) in newtons."""
         state, law = contacts[interface.name], interface.law
         sticks = state.status[law.sliding] == "stick"
         s = np.concatenate([state.normal_force, state.tangential_force[law.sliding].ravel()])
         bound = law.bound_at(s)
-        sticks |= (law.bound_at(0.0 * s) > 0.0) & ~law.reaches_bound(
-            s, bound
-        )  # open nodes may, as by Tresca's law
-        friction = direction(state.tangential_force[law.sliding])
+        # open nodes may, as by Tresca's law
+        sticks |= (law.bound_at(0.0 * s) > 0.0) & ~law.reaches_bound(s, bound)
         slips = ~sticks & (bound > 0.0) & (state.status[law.sliding] != "open")
         chosen = np.concatenate([state.status != "open", np.repeat(sticks, law.components)])
-        rows = [sparse.identity(law.size, format="csr")[np.flatnonzero(chosen)]]
+        resisting = powers[chosen]
         if law.components > 1 and slips.any():
-            turned = sparse.block_diag(
-                [sparse.csr_matrix((0, law.m)), *across(friction)[:, :, 1:].transpose(0, 2, 1)],
-                format="csr",
-            )
-            rows.append(
-                RESISTED / ALONG * turned[np.flatnonzero(np.repeat(slips, law.components - 1))]
-            )
+            aside = across(direction(state.tangential_force[law.sliding][slips]))[:, :, 1:]
+            tangential = powers[law.m :].reshape(len(slips), law.components, -1)[slips]
+            turning = np.concatenate(np.einsum("kci,kcn->kin", aside, tangential))
+            resisting = np.vstack([resisting, RESISTED / ALONG * turning])
         slipping = np.append(np.zeros(law.m), np.repeat(slips, law.components) * s[law.m :])
-        return sparse.vstack(rows, format="csr"), sparse.csr_matrix(slipping)
+        return resisting, slipping
 
     return _undetermined(assembly, resists)
 
 
 def _undetermined(
-    assembly: Assembly, chosen: Callable[[Interface], tuple[sparse.spmatrix, ...]]
+    assembly: Assembly,
+    chosen: Callable[[Interface, np.ndarray], tuple[np.ndarray, np.ndarray]],
 ) -> list[str]:
-    """The rigid motions that none of the `chosen` forces, rows (·, size) by contact, resists, a sentence each.
+    """The rigid motions that none of the `chosen` forces resists, a sentence each.
 
-    `chosen` also returns friction (1, size) at its limit. Collective.
+    Of the powers (size, n) of a contact's forces `chosen` returns those (k, n) that resist, and friction (size,) at its
+    limit (N). Collective.
     """
     if not assembly.loose:
         return []
     of_rank, size = {}, assembly.joint.rigid.size
     for interface, motions, powers in _powers(assembly):
-        rows, friction = chosen(interface)
+        resisting, slipping = chosen(interface, powers)
         # RᵀR = FᵀF: a triangular matrix stands for all forces F of a contact
-        R = np.atleast_2d(np.linalg.qr(rows @ powers, mode="r"))
+        R = np.atleast_2d(np.linalg.qr(resisting, mode="r"))
+        friction = np.vstack([slipping @ powers, np.abs(slipping) @ np.abs(powers)])
         of_rank[interface.name] = (
             _among_all(R, motions, size),
-            _among_all(np.vstack([friction @ powers, abs(friction) @ abs(powers)]), motions, size),
+            _among_all(friction, motions, size),
         )
     of_all, bodies = gathered(assembly.world, of_rank), with_partners(assembly)
 
