@@ -82,17 +82,19 @@ class Share:
 def mesh_bodies(share: Share, folder: Path, sizes: Mapping[str, Sizes]) -> None:
     """Mesh this rank's bodies, so that they have the groups of their contacts. Not collective. Raises InputError and
     InterruptionError."""
+    touched = _touched(share.scene)
+    images = [(contact.name, contact.image) for contact in share.scene.contact if contact.image]
     for part in share.parts:
+        groups = touched.get(part.spec.original, [])
         with opened(share.scene.output.cache):
-            part.mesh = _mesh(share, part, folder, sizes.get(part.spec.name))
+            part.mesh = _mesh(share, part, folder, sizes.get(part.spec.name), groups)
         for contact, side in part.touching:
             with naming(f"contact.{contact.name}.on"):
                 part.mesh.facets(contact.on[side])
                 if contact.itself and side:
                     _refuse_common(part.mesh, contact.on)
-        for contact in share.scene.contact:
-            if contact.image:
-                _refuse_unlike(part, contact.name, contact.image)
+        for name, image in images:
+            _refuse_unlike(part, name, image)
         interrupt.check()
 
 
@@ -140,12 +142,13 @@ def assemble_bodies(share: Share) -> dict[tuple[str, int], Located]:
     return sides
 
 
-def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
+def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None, contacts: list[str]) -> Mesh:
     """The mesh of a body, which depends on what the scene says of it and on the content of its file, and resolves the
-    groups on which something acts. Shapes that differ by their place alone, and copies, are shifts of one mesh, which
-    is turned first for copies that are. Not collective. Raises InputError."""
+    groups on which something acts; `contacts` are those of its contacts and of its copies'. Shapes that differ by their
+    place alone, and copies, are shifts of one mesh, which is turned first for copies that are. Not collective. Raises
+    InputError."""
     scene, spec, kept = share.scene, part.spec, share.kept
-    file, contacts = content(spec, folder), _touched(scene, spec.original)
+    file = content(spec, folder)
     home, part.shift = spec.mesh.at_home(scene.axisymmetric)
     placement = spec.placement(scene.dimension)
     if spec.copy:
@@ -186,15 +189,15 @@ def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None) -> Mesh:
     return kept.get("mesh", spec.name, where, place)
 
 
-def _touched(scene: Settled, original: str) -> list[str]:
-    """The groups of the contacts of a body and its copies, in the order of the scene."""
-    family = {body.name for body in scene.body if body.original == original}
-    return [
-        contact.on[side]
-        for contact in scene.contact
-        for side, name in enumerate(contact.bodies)
-        if name in family
-    ]
+def _touched(scene: Settled) -> dict[str, list[str]]:
+    """The groups of the contacts of each body and its copies, by the original, in the order of the scene."""
+    original = {body.name: body.original for body in scene.body}
+    touched = dict[str, list[str]]()
+    for contact in scene.contact:
+        for side, name in enumerate(contact.bodies):
+            if name in original:
+                touched.setdefault(original[name], []).append(contact.on[side])
+    return touched
 
 
 def _assemble(part: Part, kept: Kept) -> Elasticity:

@@ -2581,8 +2581,8 @@ MUTANTS = [
         (
             "a drawing is meshed for the contacts of each copy",
             "coupling/parts",
-            "_touched(scene, spec.original)",
-            "_touched(scene, spec.name)",
+            "touched.get(part.spec.original, [])",
+            "touched.get(part.spec.name, [])",
             "coupling/test_copies.py::test_a_drawing_is_meshed_once_for_all_copies",
         ),
         (
