@@ -39,7 +39,7 @@ import ddmpi
 from ddmpi.derive.errors import measure_errors
 from ddmpi.errors import DdmpiError
 from ddmpi.judge.bars import FACTORS, Facts, Measured, bar_of, sums_of
-from ddmpi.judge.edges import unbounded
+from ddmpi.judge.edges import edges_of, unbounded
 from ddmpi.methods.newton import Newton
 from ddmpi.results.summary import facts_of, value_of
 from ddmpi.run.answer import Answer
@@ -140,7 +140,7 @@ def numbers_of(answer: Answer | None, only: Sequence[str]) -> list[dict]:
     ]
     factors = scene.factors(1.0 if solution.time is None else solution.time)
     measured = measure_errors(assembly, solution.outer, solution, wanted, factors)
-    infinite = unbounded(assembly.in_world(), solution.states)
+    infinite = unbounded(assembly.in_world(), edges_of(assembly.in_world(), solution.states))
     found = []
     for result, facts in facts_of(summary, measured, infinite).items():
         known = asdict(replace(measured[result], cells={}))

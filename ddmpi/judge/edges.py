@@ -294,60 +294,59 @@ def mismatch(ends: Sequence[Ends]) -> float:
     return float(alpha * (alpha - 2.0 * beta))
 
 
-def doubt_edges(
-    assembly: Assembly, states: Mapping[str, ContactState]
-) -> tuple[list[str], dict[str, list[Singular]]]:
-    """Warnings of largest pressures that are infinite in the continuum, on the first rank; and by body of this rank
-    where the stresses at its contacts are. Collective.
+class Edges(NamedTuple):
+    """Where stresses are infinite at the contacts that a rank owns, and at those of each of its bodies."""
+
+    by_contact: dict[str, Singular]
+    by_body: dict[str, list[Singular]]
+
+
+def edges_of(assembly: Assembly, states: Mapping[str, ContactState]) -> Edges:
+    """The `Edges` of an answer, by the `states` of the contacts that this rank owns. Collective."""
+    contacts = dict[str, list[tuple[SettledContact, int]]]()
+    for contact in assembly.scene.contact:
+        for side, name in enumerate(contact.bodies):
+            contacts.setdefault(name, []).append((contact, side))
+    mine = dict[tuple[str, int], Ends]()
+    for body in assembly.bodies:
+        mine |= ends_of(body, contacts.get(body.spec.name, ()))
+    both, places = assembly.exchange.swap_objects(mine), {}
+    for met in assembly.space.interfaces:
+        one, other = both[met.name]
+        if met.image:
+            other = other._replace(sides=met.image.at(other.sides))
+        places[met.name] = singular_places(met, states[met.name].status != "open", (one, other))
+    return Edges(places, _by_body(assembly, places))
+
+
+def doubt_edges(assembly: Assembly, states: Mapping[str, ContactState], edges: Edges) -> list[str]:
+    """Warnings of largest pressures that are infinite in the continuum, on the first rank. Collective.
 
     Parameters
     ----------
     states : of the contacts that this rank owns
     """
-    places = _places(assembly, states)
+    unit = assembly.scene.units["stress"]
     warnings = {
         name: words
-        for name, found in places.items()
-        if (words := _pressure(states[name], found, assembly.scene.units["stress"]))
+        for name, found in edges.by_contact.items()
+        if (words := _pressure(states[name], found, unit))
     }
-    by_body = _by_body(assembly, places)
     by_contact = gathered(assembly.world, warnings)
-    named = [contact.name for contact in assembly.scene.contact]
     if assembly.world.rank:
-        return [], by_body
-    return [by_contact[name] for name in named if name in by_contact], by_body
+        return []
+    named = [contact.name for contact in assembly.scene.contact]
+    return [by_contact[name] for name in named if name in by_contact]
 
 
-def _places(assembly: Assembly, states: Mapping[str, ContactState]) -> dict[str, Singular]:
-    """Where the stresses of the contacts that this rank owns are infinite. Collective."""
-    mine = dict[tuple[str, int], Ends]()
-    for body in assembly.bodies:
-        name = body.spec.name
-        contacts = [
-            (contact, side)
-            for contact in assembly.scene.contact
-            for side, of in enumerate(contact.bodies)
-            if of == name
-        ]
-        mine |= ends_of(body, contacts)
-    both, found = assembly.exchange.swap_objects(mine), {}
-    for met in assembly.space.interfaces:
-        one, other = both[met.name]
-        if met.image:
-            other = other._replace(sides=met.image.at(other.sides))
-        found[met.name] = singular_places(met, states[met.name].status != "open", (one, other))
-    return found
-
-
-def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str]:
+def unbounded(assembly: Assembly, edges: Edges) -> set[str]:
     """The largest pressures and stresses that may have no limit on finer meshes, by the names of the results, on the
     first rank: also where the largest value does not stand at such a place yet. Collective.
 
     In a body also corners in contacts with friction count, and in bonds where the other body's angle is not known.
     """
-    places = _places(assembly, states)
-    by_body, found = _by_body(assembly, places), dict[str, bool]()
-    for name, singular in places.items():
+    found = dict[str, bool]()
+    for name, singular in edges.by_contact.items():
         found[f"contacts.{name}.pressure_max"] = len(singular.places) > 0
     for body in assembly.bodies:
         name, mesh = body.spec.name, body.mesh
@@ -361,7 +360,7 @@ def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str
             mirror |= mesh.on_axis[bends.nodes].all(axis=1)
         sharp = np.where(mirror, 2.0 * bends.turn - np.pi, bends.turn) > SHARPEST
         sharp &= touching[bends.nodes].all(axis=1)
-        finite = {tuple(place) for each in by_body[name] for place in each.finite}
+        finite = {tuple(place) for each in edges.by_body[name] for place in each.finite}
         known, ends = np.zeros(len(mesh.points), bool), np.unique(bends.nodes[sharp])
         known[ends] = [tuple(place) in finite for place in mesh.points[ends]]
         sharp &= ~known[bends.nodes].all(axis=1)
@@ -369,7 +368,7 @@ def unbounded(assembly: Assembly, states: Mapping[str, ContactState]) -> set[str
             sharp.any()
             or (bends.turn < -SHARPEST).any()
             or ends_of_clamps(body, facets, bends).any()
-            or any(len(each.places) for each in by_body[name])
+            or any(len(each.places) for each in edges.by_body[name])
         )
     return {result for result, infinite in gathered(assembly.world, found).items() if infinite}
 

@@ -38,7 +38,7 @@ from ddmpi.judge.accuracy import (
 )
 from ddmpi.judge.bars import UNCERTIFIED, Bar, Measured
 from ddmpi.judge.diagnosis import diagnose, helpful
-from ddmpi.judge.edges import doubt_edges, unbounded
+from ddmpi.judge.edges import Edges, doubt_edges, edges_of, unbounded
 from ddmpi.judge.plausible import (
     ROUNDED,
     doubt_answer,
@@ -202,10 +202,11 @@ def compute(
         noted = checkpoints if write else None
         solution, steps, assembly = march(assembly, log_step, noted, clock, begin)
         error = _estimate(assembly, solution, clock)
-        solved, bars = _measure(assembly, solution, steps, error, clock)
+        edges = _edges(assembly, solution, clock)
+        solved, bars = _measure(assembly, solution, steps, error, edges, clock)
         if _another_mesh(ladder, solved, error, bars, _cost(assembly, clock, idle)):
             return None
-        _judge(solved, error, ladder, bars, clock)
+        _judge(solved, error, ladder, bars, edges, clock)
         if solved.summary:
             log_end(solved.summary, solution)
             log_warnings(solved.summary["warnings"], told)
@@ -498,11 +499,12 @@ def _of_answer(
     error: DiscretizationError,
     fields: dict[str, Fields],
     free: list[str],
+    edges: Edges,
 ) -> list[str]:
     """The warnings of an answer, of load steps before it as well. Collective."""
     scene, world = assembly.scene, assembly.world
     doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
-    infinite, edges = doubt_edges(assembly.in_world(), solution.states)
+    infinite = doubt_edges(assembly.in_world(), solution.states, edges)
     # pressures that are rounding are neither finite nor infinite, and those of corners are not of single nodes alone
     rounded = subjects(doubts, *ROUNDED)
     infinite = [doubt for doubt in infinite if rounded.isdisjoint(subjects([doubt]))]
@@ -513,7 +515,7 @@ def _of_answer(
     if not scene.output.only:
         stresses = {name: field.von_mises for name, field in fields.items()}
         warnings += [] if world.rank else doubt_mesh(scene.body, error)
-        warnings += doubt_stress(assembly.in_world(), stresses, edges)
+        warnings += doubt_stress(assembly.in_world(), stresses, edges.by_body)
     unsolved = f"their equations are not solved to {ENOUGH:.0e}"
     for key, entry in () if world.rank else steps.derived[0].items():
         if entry is None:
@@ -549,11 +551,20 @@ def _doubt_split(derived: Mapping[str, Entry | None]) -> list[str]:
     ]
 
 
+def _edges(assembly: Assembly, solution: Solution, clock: Clock) -> Edges | None:
+    """Where stresses at contacts are infinite; None without an answer. Collective."""
+    if not solution.certified:
+        return None
+    with clock.phase("doubt"):
+        return edges_of(assembly.in_world(), solution.states)
+
+
 def _measure(
     assembly: Assembly,
     solution: Solution,
     steps: StepLog,
     error: DiscretizationError,
+    edges: Edges | None,
     clock: Clock,
 ) -> tuple[Solved, dict[str, Bar]]:
     """The answer with its fields, and on the first rank the summary without warnings and ladder; and the bars of results.
@@ -569,7 +580,7 @@ def _measure(
     with agreed(world):
         parts = shares(assembly, errors)
         fields = {name: replace(one, error_share=parts.get(name)) for name, one in fields.items()}
-    endless = unbounded(assembly.in_world(), solution.states) if errors else set()
+    endless = unbounded(assembly.in_world(), edges) if errors and edges else set()
     summary = gather_summary(assembly, solution, error, fields, clock.started, steps)
     with agreed(world):
         bars = bars_of(summary, errors, endless) if summary and errors else {}
@@ -582,6 +593,7 @@ def _judge(
     error: DiscretizationError,
     ladder: MeshLadder,
     bars: Mapping[str, Bar],
+    edges: Edges | None,
     clock: Clock,
 ) -> None:
     """Put warnings, bars and what led to the mesh into the summary. Collective."""
@@ -589,8 +601,8 @@ def _judge(
     with clock.phase("doubt"):
         free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
         warnings = [*assembly.warnings, *locking_of(assembly.scene)]
-        if solution.certified:
-            warnings += _of_answer(assembly, solution, steps, error, solved.fields, free)
+        if edges:
+            warnings += _of_answer(assembly, solution, steps, error, solved.fields, free, edges)
         else:
             warnings += [*_of_meshes(assembly), *steps.doubts_beside(())]
     if solved.summary:
