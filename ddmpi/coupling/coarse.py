@@ -339,10 +339,8 @@ class CoarseSystem:
             self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth) @ moves).tocsr()
             self._EZ = (E.T @ motions.Z @ moves).tocsr()
             local = (self._EZ.T @ self._MZ).tocoo()
-            triplets, self.size = (
-                self._space.gather((local.row, local.col, local.data)),
-                motions.size,
-            )
+            triplets = self._space.gather((local.row, local.col, local.data))
+            self.size = motions.size
             with agreed(self._space.comm):
                 if triplets is not None:
                     row, column, value = (

@@ -55,10 +55,8 @@ class WorkingRanks:
         except DdmpiError as error:
             failure = error
         if team is None and failure:
-            self._lost, self._failed = (
-                not failure.agreed,
-                not isinstance(failure, NotConvergedError),
-            )
+            self._lost = not failure.agreed
+            self._failed = not isinstance(failure, NotConvergedError)
             raise failure
         if team is not None:
             # ranks of a lost team hang in a collective call of PETSc; an error without agreement ends all processes

@@ -79,11 +79,9 @@ class Space:
         comm: MPI.Comm = MPI.COMM_SELF,
         sent: Counter[str] | None = None,
     ) -> None:
-        self.interfaces, self.comm, self.sent = (
-            tuple(interfaces),
-            comm,
-            Counter() if sent is None else sent,
-        )
+        self.interfaces = tuple(interfaces)
+        self.comm = comm
+        self.sent = Counter() if sent is None else sent
         self.petsc_comm = MPI.Intracomm(comm)
         self.parts: dict[str, slice] = {}
         start = 0

@@ -271,12 +271,10 @@ class TeamMatrix:
         self, team: Team, body: Elasticity, points: np.ndarray, again: Callable[[], Elasticity]
     ) -> None:
         A = self._whole = body.A
-        self.team, self.size, self._width, self._diagonal = (
-            team,
-            A.getSize(),
-            A.getBlockSize(),
-            A.getDiagonal(),
-        )
+        self.team = team
+        self.size = A.getSize()
+        self._width = A.getBlockSize()
+        self._diagonal = A.getDiagonal()
         self._again, self.points, self._coarse = again, points, A.getAttr("coarse")
         self.supported, self.springs = body.supported, np.zeros(0, int)
 

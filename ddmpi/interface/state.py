@@ -369,11 +369,9 @@ def contact_state(
     start, former = since or (none, none)
     normal, moved = s[:m].copy(), law.split(u)
     tangential, slip, before = np.zeros((3, m, law.components))
-    tangential[sliding], slip[sliding], before[sliding] = (
-        law.split(s)[1],
-        moved[1],
-        law.split(start)[1],
-    )
+    tangential[sliding] = law.split(s)[1]
+    slip[sliding] = moved[1]
+    before[sliding] = law.split(start)[1]
     slip -= before
     if slides:
         before[:] = slides[1]

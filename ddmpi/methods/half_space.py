@@ -228,10 +228,8 @@ def smooth_modes(
     half_space, size = HalfSpace(space, operator.local()), space.size
     most = min(MODE_STEPS, int(space.add(np.array([float(size)]))[0]))
     V, W, H = np.empty((0, size)), np.empty((0, size)), np.empty((0, 0))  # W = M V, H = Wᵀ C W
-    v, modes = (
-        1.0 + 0.3 * np.random.default_rng(0).standard_normal(size),
-        (np.empty((0, size)), np.empty(0)),
-    )
+    v = 1.0 + 0.3 * np.random.default_rng(0).standard_normal(size)
+    modes = (np.empty((0, size)), np.empty(0))
     while len(V) < most:
         # Lanczos steps with C M, symmetric in the product vᵀ M w. v is made orthogonal to all before, twice because of
         # rounding. H is full, not tridiagonal, as products with C are only as precise as MODE_PRECISION
@@ -342,10 +340,8 @@ class Model(Joint):
     def pass_through(self, s: np.ndarray, r: np.ndarray, alpha: np.ndarray, e: np.ndarray) -> None:
         """Choose d̃ so that the model has the gaps r (size,) under forces s (size,) and motions α; take the loads e."""
         # C̃ s − d̃ − Gᵀα = r: the model is exact at the iterate, and errs in changes of the gaps alone
-        self.d, self.e = (
-            self.product(s, "model", 0.0) + self.offset - r - self.rigid.spread(alpha),
-            e,
-        )
+        self.d = self.product(s, "model", 0.0) + self.offset - r - self.rigid.spread(alpha)
+        self.e = e
 
 
 class Modelled:

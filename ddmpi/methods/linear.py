@@ -189,10 +189,8 @@ class Linearisation:
             # relative to the largest so far, as a motion may cancel nearly all of f, and forces may cancel each other
             misfit, moved, now = space.norms([left, inward(rigid.spread(alpha)), y])
             size, pull = max(size, moved), max(pull, now)
-            before, residual = (
-                residual,
-                max(misfit / size if size else 0.0, norm(out) / pull if pull else 0.0),
-            )
+            before = residual
+            residual = max(misfit / size if size else 0.0, norm(out) / pull if pull else 0.0)
             if residual <= aim or not residual <= GAIN * before:
                 break
         return y, alpha, product, residual
@@ -258,10 +256,8 @@ class Linearisation:
             live = np.broadcast_to(law.live, law.size)[: law.m]
             rates.append(_rates(np.where(active.closed, 1.0, -1.0), 0.0 * dn, dn, normal, live))
             # |t|² − g² changes its sign where a node begins or ends to slip, in the plane as in space
-            g, dg = (
-                active.bound,
-                law.slope(active.pressure) * (ds[: law.m] * active.closed)[law.sliding] + bound,
-            )
+            g = active.bound
+            dg = law.slope(active.pressure) * (ds[: law.m] * active.closed)[law.sliding] + bound
             rates.append(
                 _rates(
                     np.where(active.slip.any(axis=1), 1.0, -1.0),

@@ -414,11 +414,9 @@ class Newton(Outer):
 
         The residuals are s − P(s − c r) and e − G s − K α. All points in one reduction. Collective.
         """
-        space, c, points = (
-            self.joint.space,
-            self.preconditioner.c,
-            [*map(self.joint.closed, points)],
-        )
+        space = self.joint.space
+        c = self.preconditioner.c
+        points = [*map(self.joint.closed, points)]
         contact = space.norms([s - space.laws.project(s - c * r) for s, r, *_ in points])
         return [
             math.hypot(of_laws, norm(point.left))

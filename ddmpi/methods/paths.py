@@ -308,10 +308,8 @@ class InteriorPoints(Path):
         self._unknown, self._rubbing = np.ones(size, bool), self._bounds(s)[0, :, 0] > 0.0
         self._unknown[rows[~self._rubbing]] = False  # no friction force at all
         self._rows = rows[self._rubbing]
-        r, alpha = (
-            joint.product(s, "newton") + joint.offset - joint.d - joint.rigid.spread(joint.still),
-            joint.still.copy(),
-        )
+        r = joint.product(s, "newton") + joint.offset - joint.d - joint.rigid.spread(joint.still)
+        alpha = joint.still.copy()
         if joint.rigid.size:  # least squares: α = (ZᵀZ)⁻¹Zᵀr leaves the smallest gaps |r − Zα|
             identity = sparse.identity(size, format="csr")
             r, motions = CoarseSystem(
@@ -405,18 +403,14 @@ class InteriorPoints(Path):
         axes, size = direction(s_t), magnitude(s_t)[:, None]
         ahead = dots(axes, v)
         power, across_slip = g * y - size * ahead, v - ahead * axes
-        along, aside = (
-            power / room,
-            y / g,
-        )  # leaves out how slip across friction changes slip along it
+        along = power / room
+        aside = y / g  # leaves out how slip across friction changes slip along it
         turns = (size * y - g * ahead) / power * axes - across_slip / y  # ds_t/dg at a fixed slip
         # s w = μ, linearised, where the new gap r takes the place of the new w: r + (w/s) ds = μ/s
         pressure = np.where(normal, s, 1.0)
-        layer, coupling, wanted = (
-            w / pressure,
-            np.zeros(len(s)),
-            np.where(normal, mu / pressure, 0.0),
-        )
+        layer = w / pressure
+        coupling = np.zeros(len(s))
+        wanted = np.where(normal, mu / pressure, 0.0)
         layer[rows], coupling[rows], wanted[rows] = aside, slope * turns, -2.0 * mu / room * s_t
         layer[rows[:, :1]] = along
         none = np.zeros(len(s))

@@ -310,12 +310,10 @@ class Model:
             raise InputError("this model is closed; ddmpi.prepare makes another one")
         if not isinstance(start, Answer | None):
             raise InputError(f"start: expected an answer (got {start!r})")
-        world, settled, clock, options = (
-            self._world,
-            self.settle(overrides, only, outer),
-            Clock(),
-            RunOptions(),
-        )
+        world = self._world
+        settled = self.settle(overrides, only, outer)
+        clock = Clock()
+        options = RunOptions()
         motions = start.solved.solution.outer.motions if start and start.solved else None
         begin = (start.contacts, motions) if start else None
         options.use(settled.petsc)
@@ -396,10 +394,8 @@ def _picture(summary: Mapping[str, Any], contacts: Mapping[str, ContactState]) -
             float(np.nan_to_num(np.abs(table["normal_stress"])).max()), units["stress"]
         )
         if "z" in (table.dtype.names or ()):
-            axes, at = (
-                figure.add_subplot(len(shown), 1, place),
-                np.column_stack([table[axis] for axis in "xyz"]),
-            )
+            axes = figure.add_subplot(len(shown), 1, place)
+            at = np.column_stack([table[axis] for axis in "xyz"])
             at = at - at.mean(axis=0)  # seen from where the contact is widest
             across = at @ np.linalg.svd(at.T @ at)[2][:2].T
             points = axes.scatter(*across.T, c=table["normal_stress"] / factor, s=8)

@@ -81,12 +81,10 @@ def began(
 def way_down(assembly: Assembly) -> np.ndarray:
     """The motions (rigid.size,) of free frames along the loads on them, without turns, that bring sides together (m);
     zero where sides on the way touch, or none are there. Collective."""
-    joint, space, along, far = (
-        assembly.joint,
-        assembly.space,
-        np.zeros(assembly.joint.rigid.size),
-        np.inf,
-    )
+    joint = assembly.joint
+    space = assembly.space
+    along = np.zeros(assembly.joint.rigid.size)
+    far = np.inf
     for name, frame in assembly.free.items():
         shifts = slice(joint.slices[name].start, joint.slices[name].start + len(frame.axes))
         along[shifts] = joint.e[shifts]

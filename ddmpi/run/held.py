@@ -148,12 +148,10 @@ class Held:
 
 def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
     """The motions that no contact resists but by the errors of normals, of those `coarse` ones only if asked. Collective."""
-    world, joint, scene, size = (
-        assembly.world,
-        assembly.joint,
-        assembly.scene,
-        assembly.joint.rigid.size,
-    )
+    world = assembly.world
+    joint = assembly.joint
+    scene = assembly.scene
+    size = assembly.joint.rigid.size
     none = Held(np.zeros((size, 0)))
     if not assembly.loose:
         return none

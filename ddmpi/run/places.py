@@ -400,11 +400,9 @@ def _refuse_passing(assembly: Assembly, memory: Memory) -> None:
     a step before. Collective."""
     now, unit, scene = _deepest(assembly), assembly.scene.units["length"], assembly.scene
     time, ends = assembly.placement.time, (memory.freed, assembly.placement.freed)
-    rigid, then, here = (
-        {each.name: each for each in scene.rigid},
-        memory.frames(scene),
-        assembly.frames,
-    )
+    rigid = {each.name: each for each in scene.rigid}
+    then = memory.frames(scene)
+    here = assembly.frames
     with agreed(assembly.world):
         for contact in assembly.contacts:
             both = assembly.sides[contact.name]

@@ -29,21 +29,17 @@ def displaced(
 ) -> Moved:
     """By displacements of all nodes. `left` (rigid.size,) are the loads along motions that are not held which the forces
     leave without balance (N), None if none is held. Not collective."""
-    displacements, traces, sizes = (
-        dict[str, np.ndarray](),
-        list[np.ndarray](),
-        dict[str, dict[str, Any]](),
-    )
+    displacements = dict[str, np.ndarray]()
+    traces = list[np.ndarray]()
+    sizes = dict[str, dict[str, Any]]()
     beside: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
         member, at = body.member, assembly.joint.slices[body.spec.name]
         alpha = outer.motions[at]
-        u, apart, acting, energy = (
-            np.zeros_like(member.elasticity.acting.prescribed),
-            np.nan,
-            0.0,
-            np.nan,
-        )
+        u = np.zeros_like(member.elasticity.acting.prescribed)
+        apart = np.nan
+        acting = 0.0
+        energy = np.nan
         with (
             assembly.exchange.deferred()
         ):  # an error is raised on all ranks, after the next exchange
@@ -80,11 +76,9 @@ def at_contacts(
 ) -> Moved:
     """The same by products with the compliances, as far as these know it. Not collective."""
     force, moved, _ = NOTHING * largest
-    traces, sizes, beside = (
-        list[np.ndarray](),
-        dict[str, dict[str, Any]](),
-        dict[tuple[str, int], tuple](),
-    )
+    traces = list[np.ndarray]()
+    sizes = dict[str, dict[str, Any]]()
+    beside = dict[tuple[str, int], tuple]()
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
         member, at = body.member, assembly.joint.slices[body.spec.name]
         alpha, apart = outer.motions[at], _of_body(assembly, at, left)

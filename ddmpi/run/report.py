@@ -133,10 +133,8 @@ def log_warnings(warnings: Iterable[str], told: list[str]) -> None:
 def _describe_body(body: Body, ranks: int) -> tuple[str, bool, str]:
     """How the cells of a body were cut, and how it is solved, on how many ranks; whether loads act on it; its cells."""
     mesh, motions, compliance = body.mesh, body.member.motions.shape[2], body.member.C
-    solver, what = (
-        compliance.solver.description,
-        {"triangle": "quadrilaterals"}.get(mesh.cell.name, "other cells"),
-    )
+    solver = compliance.solver.description
+    what = {"triangle": "quadrilaterals"}.get(mesh.cell.name, "other cells")
     way = f"{mesh.cut} {what} cut into {mesh.cell.names}; " if mesh.cut else ""
     way += "" if ranks == 1 else f"on {ranks} ranks; "
     if motions:
@@ -224,10 +222,8 @@ def describe_method(method: SettledMethod, dimension: int) -> str:
     """The outer method with its solvers, in words."""
     plan, discs = method.plan, ""
     if dimension > 2:
-        plan, discs = (
-            plan.replace("half-plane", "half-space"),
-            ", those with friction by python (APG)",
-        )
+        plan = plan.replace("half-plane", "half-space")
+        discs = ", those with friction by python (APG)"
     if not method.by_body:
         return plan
 

@@ -193,11 +193,9 @@ class Iteration:
         for body in assembly.bodies:
             body.member.restart()
         self.statuses = StatusLog(assembly.space)
-        self.released, self._bolts, self.held = (
-            False,
-            np.zeros(0, bool),
-            Held(np.zeros((assembly.joint.rigid.size, 0))),
-        )
+        self.released = False
+        self._bolts = np.zeros(0, bool)
+        self.held = Held(np.zeros((assembly.joint.rigid.size, 0)))
         self.hold(np.zeros(assembly.joint.rigid.size))
 
         def note(step: Step) -> None:
@@ -259,11 +257,9 @@ class Iteration:
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._tolerance, self._judged, self._stopped = (
-            state["tolerance"],
-            tuple(state["judged"]),
-            state["stopped"],
-        )
+        self._tolerance = state["tolerance"]
+        self._judged = tuple(state["judged"])
+        self._stopped = state["stopped"]
         self.statuses.restore(state["statuses"])
         if state["released"]:
             self.release()

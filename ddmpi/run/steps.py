@@ -84,11 +84,9 @@ class March:
         self.assembly, self.iteration, self.log = assembly, iteration, log
         self.outer = iteration.outer
         self.iterations = 0
-        self._legs, self._steps, self._tolerance = (
-            scene.legs,
-            scene.time.steps,
-            scene.time.tolerance or math.inf,
-        )
+        self._legs = scene.legs
+        self._steps = scene.time.steps
+        self._tolerance = scene.time.tolerance or math.inf
         self._cycle = scene.time.cycle
         self._in_cycle = range(0)  # the legs of the cycle
         if self._cycle:

@@ -3031,8 +3031,8 @@ MUTANTS = [
         (
             "interior points begin without the offset",
             "methods/paths",
-            "- joint.d - joint.rigid.spread(joint.still), joint.still.copy()",
-            "- joint.d, 0.0 * joint.still",
+            "- joint.d - joint.rigid.spread(joint.still)\n        alpha = joint.still.copy()",
+            "- joint.d\n        alpha = 0.0 * joint.still",
             f"{BOLTS}::test_all_ways_to_the_answer_keep_the_offset",
         ),
         (
