@@ -1,5 +1,4 @@
-"""Load steps of bodies that move far: each body is factored once in its frame, and meets others where it is. `march`
-has the choice among all kinds of load steps.
+"""Load steps of bodies that move far: each body is factored once in its frame, and meets others where it is.
 
 A step places the frames, pairs the contact sides there, makes W C Wᵀ of the rows W that join contact nodes now, and
 solves today's problem once. Strains are small in each frame: a material point X of a body is at c + Q (X + u).
@@ -21,20 +20,18 @@ import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.coupling.far import Placement
-from ddmpi.derive.chain import Chain
 from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.mortar import meet
 from ddmpi.interface.state import Rows, forces_by_node, rows_of, values_by_node
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.newton import Newton
-from ddmpi.methods.outer import Report, Step, no_report
-from ddmpi.results.checkpoint import Checkpoints
+from ddmpi.methods.outer import Step, no_report
 from ddmpi.run.frames import began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
 from ddmpi.run.marks import Mark
 from ddmpi.run.recover import NOTHING
-from ddmpi.run.solve import Iteration, Solution, Start, solve
+from ddmpi.run.solve import Iteration, Solution
 from ddmpi.run.steps import March
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.scene.motions import Freed, frames_of
@@ -42,7 +39,6 @@ from ddmpi.scene.scene import Settled
 from ddmpi.surface.cover import DEEPEST
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
-from ddmpi.system.clock import Clock
 from ddmpi.system.numbers import SAME, Frame, norm
 
 log = logging.getLogger("ddmpi")
@@ -491,37 +487,3 @@ def _forces_of(assembly: Assembly, rows: Rows) -> np.ndarray:
         )
         s[part] = np.concatenate([normal[:, 0], tangential[interface.sliding].ravel()])
     return s
-
-
-def march(
-    assembly: Assembly,
-    report: Report = no_report,
-    checkpoints: Checkpoints | None = None,
-    clock: Clock | None = None,
-    start: Start | None = None,
-) -> tuple[Solution, StepLog, Assembly]:
-    """Solve `assembly` in the load steps of its scene, without [time] in one; the solution, the record of the steps,
-    and the assembly at the end.
-
-    Parameters and errors as of `solve`. The solution is that of the last step, with the largest residuals of all steps.
-    Collective.
-    """
-    scene, clock = assembly.scene, clock or Clock()
-    log = StepLog()
-    if scene.time is None:
-        chain, time = Chain(assembly, scene.output.derivatives), scene.legs[0]
-        solution = solve(assembly, scene.method, report, checkpoints, clock, start)
-        log.note_step(time, solution)
-        if solution.certified:
-            log.derive(
-                *chain.entries(time, chain.advance(time, solution.outer, solution), solution),
-                several=False,
-            )
-        return solution, log, assembly
-    assembly.act(scene.legs[0])
-    march = (FarMarch if scene.far else March)(
-        assembly, Iteration(assembly, scene.method, no_report, clock), log
-    )
-    if checkpoints:
-        checkpoints.follow(assembly, outer=march.outer, steps=march)
-    return march.run(checkpoints), log, march.assembly

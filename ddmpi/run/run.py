@@ -72,7 +72,7 @@ from ddmpi.run.gather import (
     write_files,
 )
 from ddmpi.run.held import coarse_words
-from ddmpi.run.places import march
+from ddmpi.run.march import march
 from ddmpi.run.report import log_end, log_plan, log_step, log_warnings
 from ddmpi.run.solve import Solution, Start
 from ddmpi.scene.keys import flatten
