@@ -218,7 +218,7 @@ def prepare(
     clock : times the phases mesh, assemble and factor
     refinement : the meshes of `scene`, but for geometries, are this many times finer than the given ones
     sizes : of the elements of geometries, by the names of this rank's bodies, once an accuracy target refines them
-    factor : False for an assembly that is only checked, see `Factored`
+    factor : False for an assembly that is only checked, of which no body is factored
     kept : stages of earlier cases, which this case reuses where it does not change them
     """
     clock = clock or Clock()
@@ -427,7 +427,7 @@ def _join(
     unit, (first, second) = scene.units["length"], _there(sides)
     second = second and _seen(second, contact)
     if other is None or second is None:
-        (rigid,) = (rigid for rigid in scene.rigid if rigid.name == contact.bodies[1])
+        rigid = next(rigid for rigid in scene.rigid if rigid.name == contact.bodies[1])
         depends, partner = (first, rigid, _bare(contact)), Mover(rigid)
         interface = kept.get("pair", contact.name, depends, partial(face_rigid, *depends))
     else:
@@ -453,27 +453,28 @@ def _join(
         unit=unit,
     )
     refuse_contradiction(interface, [Mover(first, clamps[first.body]), partner], factors, unit)
-    idle = (
-        []
-        if contact.slave is None or interface.slave
-        else [
+    warnings = [*_of_pairing(interface, contact), *overlaps]
+    return _imaged(interface, contact, unit), warnings + uncovered_profile(interface, contact)
+
+
+def _of_pairing(interface: Interface, contact: SettledContact) -> list[str]:
+    """Warnings of a slave that is none, and of bodies that have no area in common. Raises InputError where laws of
+    stresses meet such bodies."""
+    warnings = []
+    if contact.slave is not None and not interface.slave:
+        warnings.append(
             f'contact.{contact.name}.slave: no side is a slave, because nodes match and are paired; pairing = "mortar" '
             "makes one of them the slave"
-        ]
-    )
+        )
     if interface.geometry.pointwise:
         _refuse_stresses(interface)
-    bare = (
-        []
-        if not interface.geometry.pointwise
-        else [
-            f"contact.{contact.name}: the bodies meet along an edge or at a vertex only, at {in_words(interface.xy[0])}"
-            f"{f' and {interface.m - 1} nodes more' * (interface.m > 1)}: there are forces, but no area and no stresses; "
+        others = f" and {interface.m - 1} nodes more" * (interface.m > 1)
+        warnings.append(
+            f"contact.{contact.name}: the bodies meet along an edge or at a vertex only, at "
+            f"{in_words(interface.xy[0])}{others}: there are forces, but no area and no stresses; "
             "stresses in the bodies grow without limit there as meshes get finer"
-        ]
-    )
-    warnings = idle + bare + overlaps + uncovered_profile(interface, contact)
-    return _imaged(interface, contact, unit), warnings
+        )
+    return warnings
 
 
 def _refuse_stresses(interface: Interface) -> None:

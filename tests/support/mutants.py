@@ -3066,8 +3066,8 @@ MUTANTS = [
         (
             "a rigid partner is looked for among bodies",
             "coupling/assembly",
-            "== contact.bodies[1])",
-            "== contact.bodies[0])",
+            "if rigid.name == contact.bodies[1]",
+            "if rigid.name == contact.bodies[0]",
             AT_FIRST,
         ),
         (
