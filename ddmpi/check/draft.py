@@ -118,7 +118,7 @@ def _boundaries(
             frame = part.copy.frame(1.0, dimension)
             mesh = meshes[body["copy"]["of"]].turned(frame.turned).shifted(frame.shift.tolist())
         else:
-            drawn = body | {"mesh": body["mesh"] | {"geometry": str(path)}}
+            drawn = body | {"mesh": body["mesh"] | {"geometry": str(path), "order": 1}}
             mesh = build_mesh(msgspec.convert(drawn, BodySpec).settled(1, dimension))
         meshes[body["name"]], boundaries[body["name"]] = mesh, Boundary.of(mesh)
     return boundaries

@@ -192,10 +192,12 @@ def draw(
         pictures["bodies_behind.png"] = lambda: draw_bodies(results, bodies, behind=True)
     if scene.contact or missing:
         pictures["contacts.png"] = lambda: draw_contacts(results, interfaces, missing)
-    for k, (name, body) in enumerate(bodies.items()):  # of solids from both sides
-        for behind in (
-            range(scene.dimension - 1) if body.mesh.faces and len(bodies) <= DRAWN else ()
-        ):
+    copies = {body.name for body in scene.body if body.copy}  # with the numbers of their originals
+    numbered = {
+        name: body for name, body in bodies.items() if body.mesh.faces and name not in copies
+    }
+    for k, (name, body) in enumerate(numbered.items()):  # of solids from both sides
+        for behind in range(scene.dimension - 1) if len(numbered) <= DRAWN else ():
             file = (
                 f"faces_{name if len(name.encode()) < LONGEST - 20 else k}{'_behind' * behind}.png"
             )

@@ -14,7 +14,7 @@ from ddmpi.mesh.mesh import Face, Mesh
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.scene.reader import write_toml
 from ddmpi.surface.cut import FACING
-from ddmpi.surface.near import contained, distance_to
+from ddmpi.surface.near import contained
 from ddmpi.surface.side import across, unit
 from ddmpi.system.numbers import SAME, nearest_in
 
@@ -120,13 +120,13 @@ class Missing(NamedTuple):
     on: tuple[str, ...]  # a group of each body; "" where the boundary has no name
     facets: np.ndarray  # (k, d, d) of both bodies (m)
     gap: tuple[float, float]  # the least and the largest distance, negative where they overlap (m)
-    faces: Sequence[Mapping[str, Face]]  # those of each body that have numbers
+    faces: Sequence[Mapping[str, Face]] = ({}, {})  # those of each body that have numbers
 
     @property
     def sides(self) -> list[Any]:
         """The value of ``on``: names, faces by what they are or else by number, and lists of these."""
         called = []
-        for on, faces in zip(self.on, self.faces, strict=True):
+        for on, faces in zip(self.on, self.faces, strict=False):
             parts: list = [on]
             if NUMBERS.fullmatch(on):
                 numbers = sorted(map(int, on.split("+")))
@@ -197,16 +197,16 @@ class _Nearest:
 
     def look_at(self, k: int) -> None:
         """Look for places on the k-th body."""
-        body = self.bodies[k]
-        wide = NEAR * body.size.max()
-        low, high = body.at.min(axis=(0, 1)) - wide, body.at.max(axis=(0, 1)) + wide
-        around = ((self.middle > low) & (self.middle < high)).all(axis=1)
-        some = np.flatnonzero((self.owner != k) & around)
-        if len(some):
-            there = distance_to(self.middle[some], body.at)[1]
-            away = nearest_in(self.middle[some], body.at[there]) - self.middle[some]
-            reach = np.minimum(self.size[some], body.size[there])
-            self._note(some, k, away, body.normal[there], reach, there)
+        body, others = self.bodies[k], np.flatnonzero(self.owner != k)
+        wide = NEAR * body.size[:, None]
+        low, high = body.at.min(axis=1) - wide, body.at.max(axis=1) + wide
+        some, there = contained(self.middle[others], low, high)
+        some = others[some]
+        away = nearest_in(self.middle[some], body.at[there]) - self.middle[some]
+        nearest = _first_of_each(some, np.linalg.norm(away, axis=1))
+        some, there, away = some[nearest], there[nearest], away[nearest]
+        reach = np.minimum(self.size[some], body.size[there])
+        self._note(some, k, away, body.normal[there], reach, there)
 
     def look_at_itself(self, k: int) -> None:
         """Look for places before facets of the k-th body on facets of it that face these and share no corner."""
@@ -221,9 +221,8 @@ class _Nearest:
         reach = np.minimum(body.size[some], body.size[there])
         # what lies behind is the other side of a thin body
         ahead = np.einsum("kd,kd->k", away, body.normal[some]) >= -SAME * reach
-        nearest = np.lexsort([np.linalg.norm(away, axis=1)])
+        nearest = _first_of_each(some, np.where(ahead, np.linalg.norm(away, axis=1), np.inf))
         nearest = nearest[ahead[nearest]]
-        nearest = nearest[np.unique(some[nearest], return_index=True)[1]]
         some, there = some[nearest], there[nearest]
         self._note(start + some, k, away[nearest], body.normal[there], reach[nearest], there)
 
@@ -247,6 +246,12 @@ class _Nearest:
 
 def _in_triangles(boundaries: Mapping[str, Boundary]) -> dict[str, Boundary]:
     return {name: body.cut for name, body in boundaries.items()}
+
+
+def _first_of_each(some: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """Of each number in `some` (k,) the place where its distance (k,) is the least."""
+    order = np.lexsort((distance, some))
+    return order[np.unique(some[order], return_index=True)[1]]
 
 
 def find_missing(

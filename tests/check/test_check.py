@@ -301,7 +301,7 @@ def test_numbered_faces_are_told_and_proposed(looked_at, tmp_path):
     scene = drawn_parts(tmp_path)
     text = looked_at(scene)
     for words in (
-        r"\n    5: plane, normal -z, 16 m², about \(0, 0, -1\)\n",
+        r"\n    5: plane, normal -z, 16 m², about \(0, 0, -1\), or 'plane n=\(0, 0, -1\) at \(0, 0, -1\)'\n",
         r"\n    \d+: cylinder, r 1, 3.142 m²",
         r"\n    \d+: cylinder, r 0.5, hollow, 1.571 m²",
         r"; groups by number\n",

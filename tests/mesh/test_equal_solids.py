@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import eighteen_parts
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -99,6 +100,15 @@ def test_a_shape_of_equal_numbers_is_no_copy(tmp_path):
 
     drawn = list_drawn(cad(Path(tmp_path) / "posts.brep", draw), "a drawing")[1]
     assert [bool(each.copy) for each in drawn] == [False, False, True]
+
+
+def test_copies_of_an_assembly(tmp_path):
+    """Of 18 parts nine are copies: bolts, nuts and screws, a bracket that is turned, and a nut on the other end of a rod."""
+    eighteen_parts.draw(tmp_path / "all.step")
+    drawn = list_drawn(tmp_path / "all.step", "a drawing")[1]
+    of = [each.copy and int(each.copy.of) for each in drawn]
+    fastened = [None, None, 3, 4, 3, 4, 3, 4]
+    assert of == [None, None, *fastened, None, None, 11, 12, None, None, None, 17]
 
 
 def test_parts_in_the_plane_are_no_copies(tmp_path):
