@@ -153,7 +153,8 @@ class Newton(Outer):
             model = Newton(Model(joint), MODEL_STEPS, preconditioner=self.preconditioner)
             self._full, model.inner_steps = 0, self.inner_steps
             self._modelled = Modelled(joint, model)
-        self._least = 0.0, 0.0  # sizes (N): of the forces wanted by all load steps, of forces now
+        self._wanted = 0.0  # by the gaps and resultants of all load steps so far, see NO_FORCE (N)
+        self._least = 0.0  # the least size of forces in this load step (N)
         self.direct = Direct(joint, self.preconditioner)
         self.begin()
 
@@ -179,11 +180,11 @@ class Newton(Outer):
                 before, alpha = alpha, joint.stays.settled(alpha)
                 r = r - joint.rigid.spread(alpha - before)
             point = Point(s, r, alpha, joint.imbalance(s, alpha))
-        wanted = NO_FORCE * max(space.norm(self.preconditioner.c * joint.d), norm(joint.e))
+        closing = space.norm(self.preconditioner.c * joint.d)
+        # a load may be small after a large one
+        self._wanted = max(self._wanted, NO_FORCE * max(closing, norm(joint.e)))
         touching = space.any(np.ones(joint.size))
-        loads = (NO_FORCE if touching else 1.0) * joint.load
-        wanted = max(self._least[0], wanted)
-        self._least = wanted, max(wanted, loads)  # a load may be small after a large one
+        self._least = max(self._wanted, (NO_FORCE if touching else 1.0) * joint.load)
         guess = "warm" if warm and space.any(self._pressed(point.s)) else "rest"
         # from guessed active sets the iteration cannot end; from a prediction one step must estimate the error
         self._at = self._measured(point)._replace(
@@ -260,7 +261,8 @@ class Newton(Outer):
                 at = self._took(at, self._measured(station.point), path.by, station.stage)
                 if not asked and self.hopeless():
                     return "stalled"
-                asked, patience = True, int(at.residual < station.near)
+                asked = True
+                patience = 1 if at.residual < station.near else 0  # then the point is only judged
                 _, end = self._own_steps(at, tolerance, patience, path.by)
                 if end:
                     return end
@@ -407,7 +409,7 @@ class Newton(Outer):
 
     def _size(self, s: np.ndarray) -> float:
         """The size (N) with which forces are compared: their own, or the least. Collective."""
-        return max(self.joint.space.norm(s), self._least[1])
+        return max(self.joint.space.norm(s), self._least)
 
     def _misfits(self, points: Iterable[Point]) -> list[float]:
         """The norms (N) of the residuals of all equations at some points.
@@ -531,7 +533,7 @@ class Newton(Outer):
 
         Forces that would close the gaps themselves tell nothing: stiff bodies far apart have small forces beside them.
         """
-        return max(fraction * self.joint.space.largest(self.forces), tolerance * self._least[1])
+        return max(fraction * self.joint.space.largest(self.forces), tolerance * self._least)
 
     def shift(self, way: np.ndarray, tolerance: float) -> None:
         """Move the bodies on by the motions `way` (rigid.size,), which no force resists; stay where the equations would
@@ -548,6 +550,7 @@ class Newton(Outer):
 
     def state(self) -> dict[str, Any]:
         return self._at.point._asdict() | {
+            "wanted": self._wanted,
             "least": self._least,
             "error": self._at.error,
             "inner_steps": dict(self.inner_steps),
@@ -556,7 +559,7 @@ class Newton(Outer):
         }
 
     def restore(self, state: dict[str, Any]) -> None:
-        self._least = tuple(state["least"])
+        self._wanted, self._least = state["wanted"], state["least"]
         self._at = self._at._replace(error=state["error"], guess="")
         self._move(Point(*(state[name] for name in Point._fields)))
         self.direct.long = state["long"]

@@ -5,7 +5,7 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from mpi4py import MPI
@@ -62,6 +62,21 @@ part of a vector, of those at the end (N); by contact the `ContactState.slip_tot
 
 Start = Callable[[], tuple[np.ndarray, np.ndarray, np.ndarray]]
 """Makes the forces (size,) in N, gaps (size,) and motions of loose bodies in m to begin with. Collective."""
+
+
+class Rounds(NamedTuple):
+    """The rounds of tighter tolerances in a load step so far.
+
+    Attributes
+    ----------
+    least : the least of the largest residuals of their certificates
+    useless : rounds since that became smaller
+    steps : of the outer method until the last one
+    """
+
+    least: float = math.inf
+    useless: int = 0
+    steps: int = 0
 
 
 @dataclass(frozen=True)
@@ -210,11 +225,7 @@ class Iteration:
                 least = max(SLIGHT, method.tolerance)
                 self.outer.hopeless = lambda: self._slight(least) is not None
         self.limit, self._tolerance = certificate_limit(method.tolerance), method.tolerance
-        self._judged = (
-            math.inf,
-            0,
-            0,
-        )  # least that the certificate said before, useless rounds since, and steps so far
+        self._rounds = Rounds()
         self._stopped = ""  # why the outer method has ended, until it goes on
         self._checkpoints: Checkpoints | None = None
         self.given = assembly.world.allreduce(
@@ -230,7 +241,7 @@ class Iteration:
 
     def begin(self) -> None:
         """Forget the certificates of the load step before; the outer method begins anew by itself."""
-        self._tolerance, self._judged, self._stopped = self.method.tolerance, (math.inf, 0, 0), ""
+        self._tolerance, self._rounds, self._stopped = self.method.tolerance, Rounds(), ""
         self._refine()
         self.statuses.clear()
 
@@ -250,7 +261,7 @@ class Iteration:
     def state(self) -> dict[str, Any]:
         return {
             "tolerance": self._tolerance,
-            "judged": self._judged,
+            "rounds": tuple(self._rounds),
             "stopped": self._stopped,
             "statuses": self.statuses.state(),
             "released": self.released,
@@ -258,7 +269,7 @@ class Iteration:
 
     def restore(self, state: dict[str, Any]) -> None:
         self._tolerance = state["tolerance"]
-        self._judged = tuple(state["judged"])
+        self._rounds = Rounds(*state["rounds"])
         self._stopped = state["stopped"]
         self.statuses.restore(state["statuses"])
         if state["released"]:
@@ -333,11 +344,11 @@ class Iteration:
 
     def _hopeless(self, solution: Solution) -> bool:
         """Whether a tighter tolerance is useless after a solution, which is noted."""
+        before, now = self._rounds, len(self.outer.history)
         worst = max(value for value, _ in solution.certificate.worst().values())
-        least, useless, steps = self._judged
-        now = len(self.outer.history)
-        useless = 0 if worst < USEFUL * least else useless + (now > steps)
-        self._judged = min(worst, least), useless, now
+        gained, went_on = worst < USEFUL * before.least, now > before.steps
+        useless = 0 if gained else before.useless + went_on
+        self._rounds = Rounds(min(worst, before.least), useless, now)
         return (
             useless >= USELESS
             or self._tolerance < sys.float_info.epsilon

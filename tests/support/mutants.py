@@ -2982,8 +2982,8 @@ MUTANTS = [
         (
             "loads without a resultant are none",
             "methods/newton",
-            "max(wanted, loads)",
-            "wanted",
+            "max(self._wanted, (NO_FORCE if touching else 1.0) * joint.load)",
+            "self._wanted",
             "scenes/test_without_contacts.py::test_loads_that_balance_each_other_need_no_force",
         ),
         (
@@ -2996,8 +2996,8 @@ MUTANTS = [
         (
             "small forces of stiff bodies are forces",
             "methods/newton",
-            "tolerance * self._least[1])",
-            "1e-3 * self._least[1])",
+            "tolerance * self._least)",
+            "1e-3 * self._least)",
             "methods/test_paths.py::test_small_forces_of_stiff_bodies_hold_them",
         ),
         (
