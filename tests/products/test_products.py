@@ -128,13 +128,18 @@ def of_bricks() -> list:
     return found
 
 
+def in_bricks(case: Case, number: int) -> Case:
+    """The same with bricks in the first bodies, so many; the others have simplices."""
+    for body in case.scene["body"][:number]:
+        if "divisions" in body.get("mesh", {}):
+            body["mesh"]["elements"] = "bricks"
+    return case
+
+
 @pytest.mark.parametrize(("name", "kind"), of_bricks(), ids=str)
 def test_a_feature_in_bricks(name, kind):
     """Bricks of both orders keep all promises; of two bodies one may have simplices."""
-    case = FEATURES[name](kind)
-    for body in case.scene["body"][: 1 + len(name) % 2]:
-        if "divisions" in body.get("mesh", {}):
-            body["mesh"]["elements"] = "bricks"
+    case = in_bricks(FEATURES[name](kind), 1 + len(name) % 2)
     as_promised(certified(case.scene), case, kind, Seen())
 
 
@@ -184,8 +189,9 @@ def by_turns(first: int) -> list[tuple[str, Kind]]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), by_turns(0), ids=str)
 def test_a_prepared_scene_has_the_same_answer(name, kind):
-    """What a model has kept of other materials and of another place is made anew, and what it may keep is that of a run."""
-    case = FEATURES[name](kind)
+    """What a model has kept of other materials and of another place is made anew, and what it may keep is that of a run;
+    with simplices, bricks or both."""
+    case = in_bricks(FEATURES[name](kind), len(name) % 3)
     others = {}
     for body in case.scene["body"]:
         young = body["material"]["young"]
@@ -202,14 +208,42 @@ def test_a_prepared_scene_has_the_same_answer(name, kind):
 @pytest.mark.slow
 @pytest.mark.mpi(ranks=[2, 3])
 def test_a_feature_on_several_ranks(comm, mpi_ranks):
-    """Every feature, on as many ranks as bodies and on more, has the answer that is told; each rank has its bodies."""
+    """Every feature, on as many ranks as bodies and on more, has the answer that is told; each rank has its bodies, of
+    simplices, bricks or both."""
     for name, kind in by_turns(mpi_ranks):
-        case = FEATURES[name](kind)
+        case = in_bricks(FEATURES[name](kind), (mpi_ranks + len(name)) % 3)
         answer = certified(case.scene, comm)
         bodies = set(comm.allreduce(list(answer.bodies)))
         assert bodies == {body["name"] for body in case.scene["body"]}, name
         case.fields = {body: exact for body, exact in case.fields.items() if body in answer.bodies}
         as_promised(answer, case, kind, Seen())
+
+
+def with_errors() -> list:
+    """Each feature in one kind of scene, of which the quick suite asks a fourth."""
+    marks = [], pytest.mark.slow
+    return [pytest.param(*one, marks=marks[k % 4 > 0]) for k, one in enumerate(by_turns(3))]
+
+
+@pytest.mark.parametrize(("name", "kind"), with_errors(), ids=str)
+def test_errors_of_a_feature_are_told(name, kind):
+    """Every main result has a bar, which covers what is promised, or a word; the answer is what it is without them."""
+    case = in_bricks(FEATURES[name](kind), len(name) % 2)
+    scene = case.scene | {"output": {"figures": False, "errors": "main"}}
+    if scene.get("time", {}).get("motions") == "far":
+        assert_refused(scene, 'output.errors: there are none with time.motions = "far"')
+        return
+    answer = certified(scene)
+    as_promised(answer, case, kind, Seen())
+    errors = answer.summary["errors"]
+    assert errors
+    for result, entry in errors.items():
+        assert (entry["bar"] is None) == bool(entry["word"]), result
+        key, _, axis = result.rpartition(".")
+        value, size = case.told.get(key if axis in "xyz" else result, (None, 0.0))
+        if entry["bar"] is not None and value is not None and not callable(value):
+            expected = np.atleast_1d(value)["xyz".index(axis) if axis in "xyz" else 0]
+            assert not abs(entry["value"] - expected) > entry["bar"] + 1e-6 * size, result
 
 
 def in_steps(first: int) -> list[tuple[str, Kind]]:
@@ -226,8 +260,8 @@ def in_steps(first: int) -> list[tuple[str, Kind]]:
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), in_steps(0), ids=str)
 def test_a_scene_in_cycles_has_the_same_answer(name, kind):
-    """The loads end as they do without cycles, which bodies that move far do not have."""
-    case = FEATURES[name](kind)
+    """The loads end as they do without cycles, which bodies that move far do not have; also in bricks."""
+    case = in_bricks(FEATURES[name](kind), (1 + len(name)) % 3)
     scene = in_cycles(case.scene)
     if "motions" in scene["time"]:
         assert_refused(scene, 'time.cycle: does not go with motions = "far"')
@@ -238,8 +272,8 @@ def test_a_scene_in_cycles_has_the_same_answer(name, kind):
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "kind"), in_steps(1), ids=str)
 def test_a_scene_goes_on_from_its_checkpoints(tmp_path, name, kind):
-    """With the tables, fields and promised numbers of the run without an interruption."""
-    scene = FEATURES[name](kind).scene | {
+    """With the tables, fields and promised numbers of the run without an interruption; also in bricks."""
+    scene = in_bricks(FEATURES[name](kind), (2 + len(name)) % 3).scene | {
         "checkpoint": {"iterations": 1},
         "output": {"steps": "all"},
     }

@@ -49,6 +49,21 @@ def in_space() -> dict:
     return {"body": [part], "rigid": [floor], "contact": [contact]}
 
 
+def in_bricks() -> dict:
+    """The block of quadratic bricks on a soft joint, pulled back."""
+    scene = on_floor([-1e4, 0.0], 0.3)
+    scene["body"][0]["mesh"] |= {"order": 2, "elements": "bricks", "divisions": [4, 2]}
+    scene["contact"][0]["softness"] = 2e-9
+    return scene
+
+
+def by_tresca() -> dict:
+    """A bound that grows from zero to 6e4 Pa over 2 m."""
+    scene = on_floor([1e4, 0.0], 0.3)
+    scene["contact"][0]["friction"] = {"law": "tresca", "slip_bound": "3e4 * x"}
+    return scene
+
+
 TRACTION = "body.block.traction.0"
 
 KNOWN = {
@@ -61,12 +76,17 @@ KNOWN = {
     "slides in load steps": (in_steps(), "push", 6.0, "in the step to time 2"),
     # 0.3 · 4e5 over 5e3
     "slides aslant": (in_space(), "body.box.traction.0.force", 24.0, "along (0.6, 0.8, 0)"),
+    "slides in bricks": (in_bricks(), TRACTION, 6.0, "along -x"),
+    # ∫ 3e4 x dx = 6e4
+    "slides by Tresca": (by_tresca(), TRACTION, 6.0, "along x"),
     # more than it bears at first
     "slides already": (on_floor([3e5, 0.0], 0.3), TRACTION, 0.2, "along x"),
 }
 
 
-@pytest.mark.parametrize("case", by_name(KNOWN, "tips", "is lifted", "slides aslant"))
+@pytest.mark.parametrize(
+    "case", by_name(KNOWN, "tips", "is lifted", "slides aslant", "slides in bricks")
+)
 def test_a_limit_is_that_of_statics(tmp_path, case):
     """Within 1e-3, between an answer and none, in 15 solves, with the mechanism; beside it is the run just past it."""
     scene, load, exact, words = case
