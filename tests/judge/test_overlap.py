@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import solids
+from scenes import seldom
 
 from ddmpi.judge.overlap import Solid, penetrates_itself, penetration
 from ddmpi.mesh.boundary import creases
@@ -273,7 +274,7 @@ def test_boxes_that_overlap_in_space(origin, size, depth, order):
     assert (overlap.depth > 0.0) == (depth > 0.0)
 
 
-@pytest.mark.parametrize("flat", [1.0, 1e-2, 1e-4])
+@pytest.mark.parametrize("flat", [seldom(1.0), seldom(1e-2), 1e-4])
 def test_the_nearest_of_flat_facets_is_found(flat):
     """Also of facets ten thousand times as long as high."""
     body = moved_box((0, 0, 0), (1.0, flat, 1.0), (1, 1, 40))

@@ -178,6 +178,7 @@ def test_groups_without_names(tmp_path):
     assert set(mesh.groups) == {"7"} and lengths(mesh, "7").sum() == pytest.approx(4.0)
 
 
+@pytest.mark.slow
 def test_scripts_of_several_files(tmp_path):
     """A script may include others and merge drawings that lie beside it, wherever the run was started."""
     folder = tmp_path / "my parts"

@@ -74,6 +74,7 @@ def test_fields_that_nobody_asks_for_are_left_out(tmp_path):
     assert set(meshio.read(tmp_path / "result.xdmf").cell_data) == {"body"}
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=3)
 def test_rows_of_all_ranks_are_of_one_kind(comm, tmp_path):
     """What a rank has in another precision than the first is written as the first has it."""
@@ -89,6 +90,7 @@ def test_rows_of_all_ranks_are_of_one_kind(comm, tmp_path):
         assert np.array_equal(file["rows"], np.arange(6.0 * comm.size).reshape(-1, 3))
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=3)
 def test_ranks_write_their_contacts_as_one_does(comm, tmp_path):
     """What result.xdmf and result.h5 say of each contact does not depend on who has it; no rank needs to have one."""

@@ -244,10 +244,7 @@ def test_log_report_and_sweep_tell_errors(tmp_path):
     assert float(row[f"± {FORCE}"]) == pytest.approx(summary["errors"][FORCE]["bar"], rel=1e-4)
 
 
-@pytest.mark.mpi(ranks=[2, 3])
-def test_errors_on_several_ranks():
-    """Bodies of their own ranks, and several ranks a body, have the errors of one rank."""
-    world = MPI.COMM_WORLD
+def errors_are_those_of_one_rank(world: MPI.Comm) -> None:
     scene = asking(FORCE, "bodies.lower.energy", "bodies.upper.displacement_max", PEAK)
     answer = ddmpi.solve(scene, world)
     alone = world.bcast(
@@ -261,6 +258,19 @@ def test_errors_on_several_ranks():
     cells = answer.error(FORCE).cells
     sizes = world.allreduce(sum(np.abs(one).sum() for one in cells.values()))
     assert sizes > 0.0
+
+
+@pytest.mark.mpi(ranks=2)
+def test_errors_on_two_ranks(comm):
+    """Bodies of their own ranks have the errors of one rank."""
+    errors_are_those_of_one_rank(comm)
+
+
+@pytest.mark.slow
+@pytest.mark.mpi(ranks=3)
+def test_errors_on_more_ranks_than_bodies(comm):
+    """So have several ranks a body."""
+    errors_are_those_of_one_rank(comm)
 
 
 def test_multigrid_has_nearly_the_same_bars():

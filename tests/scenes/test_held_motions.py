@@ -313,6 +313,7 @@ def test_held_motions_on_two_ranks(comm):
         )
 
 
+@pytest.mark.slow
 def test_a_prepared_model_holds_anew():
     """Friction determines the turn, and without it the model holds it: each answer is that of a run by itself."""
     scene = shaft((40, 46), [-2.68, -2.68])
@@ -409,6 +410,7 @@ def test_a_released_motion_stays_released_after_a_restart(tmp_path, monkeypatch)
     assert len(released) == 3
 
 
+@pytest.mark.slow
 def test_a_shaft_that_its_bush_carries_far_does_not_turn():
     """It goes with the bush to where it lay in it, as its frame has moved by other motions than that which is held."""
     scene = shaft((40, 46), [0.0, -3.79], 1)
