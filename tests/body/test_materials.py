@@ -131,7 +131,8 @@ def test_modulus_beside_a_contact():
         ),
         (
             ["core", "half", None],
-            r"material\.1\.on: the triangle at \(.*\) is in the physical surfaces 'half' and 'core'",
+            r"material\.1\.on: the triangle at \(.*\) is in the physical surfaces 'half' and 'core', "
+            "which would both give it a material",
         ),
         (
             ["core", "empty", None],

@@ -153,10 +153,12 @@ def test_contacts_that_are_missing_are_proposed(scene, order, unit, looked_at):
             for body in scene["body"]
         ][::order]
     }
-    assert not proposed(looked_at(scene))
-    assert sides(proposed(looked_at(scene | {"contact": scene["contact"][:1]}))) == sides(
-        scene["contact"][1:]
+    words = " and near it, where no contact names both; where they may touch, add"
+    whole, first = (
+        looked_at(scene | {"contact": scene["contact"][:number]}) for number in (None, 1)
     )
+    assert not proposed(whole) and words not in whole
+    assert sides(proposed(first)) == sides(scene["contact"][1:]) and words in first
 
 
 @pytest.mark.parametrize(

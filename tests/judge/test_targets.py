@@ -32,9 +32,11 @@ from ddmpi.judge.accuracy import (
 )
 from ddmpi.judge.bars import COARSE, ENDLESS, LARGEST, UNRESOLVED, Bar
 from ddmpi.pictures.levels import draw_levels
+from ddmpi.results import checkpoint
 from ddmpi.results.summary import with_bar
 from ddmpi.results.tables import read_results
 from ddmpi.scene.reader import read_scene, read_scene_file
+from ddmpi.system.files import CHECKPOINT
 
 NORMAL, ALONG = (f"contacts.upper-lower.{what}" for what in ("normal_force", "force.x"))
 PEAK, PRESSURE = "bodies.upper.von_mises_max", "contacts.upper-lower.pressure_max"
@@ -451,6 +453,18 @@ def test_the_bars_of_a_ladder_are_kept():
     told = again.levels[0].told()
     assert told["results"] == {NORMAL: {"value": 100.0, "bar": 9.0, "word": ""}}
     assert (told["seconds"], told["bytes"]) == (2.0, 3e8)
+
+
+def test_a_checkpoint_gives_a_ladder_back(tmp_path):
+    """A run without one takes the rest of the state."""
+    ladder, identity = ladder_of({NORMAL: 0.01}), {"versions": {}}
+    ladder.proceed(500, 0.1, 550, bars={NORMAL: Bar(100.0, 9.0, "", 9.0)})
+    state = {"ladder": ladder.state(), "goal": 3.0}
+    checkpoint.write(tmp_path / CHECKPOINT, identity, [state])
+    for again in (ladder_of({NORMAL: 0.01}), None):
+        given = checkpoint.continue_from(MPI.COMM_SELF, str(tmp_path), identity, again)
+        assert given["goal"] == 3.0
+        assert again is None or again.levels == ladder.levels
 
 
 def test_a_step_to_meshes_made_for_results_says_nothing_of_their_rate():

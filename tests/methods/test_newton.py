@@ -22,7 +22,9 @@ from scenes import (
 )
 from solid_scenes import two_boxes
 
+import ddmpi
 from ddmpi.coupling.space import Space
+from ddmpi.errors import SolverError
 from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog, diagnose
@@ -610,3 +612,16 @@ def test_only_shares_of_a_force_may_be_left_open():
     assert splits(share, nothing)
     assert not splits(share + 1e-3 * size * at_own, nothing)
     assert not splits(share, 1e-6 * size / newton.preconditioner.c * at_own)
+
+
+def test_a_type_that_petsc_does_not_have_is_an_error():
+    """Of the linear problems of Newton's steps; another one than GMRES has the same answer."""
+    scene = pinched_blocks(2)
+    answers = [
+        ddmpi.solve(scene | {"petsc": petsc}, MPI.COMM_SELF)
+        for petsc in ({}, {"newton_ksp_type": "fgmres"})
+    ]
+    first, second = (answer.contacts["upper-lower"].forces for answer in answers)
+    assert second == pytest.approx(first, abs=1e-6 * np.abs(first).max())
+    with pytest.raises(SolverError, match=r"the linear problem of a Newton step: .*gmrs"):
+        ddmpi.solve(scene | {"petsc": {"newton_ksp_type": "gmrs"}}, MPI.COMM_SELF)
