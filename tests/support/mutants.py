@@ -215,6 +215,13 @@ MUTANTS = [
             "petsc/test_mumps.py::test_mumps_ends_in_silence",
         ),
         (
+            "phases start threads where nobody listens",
+            "system/clock",
+            "if name not in WORDS or not log.isEnabledFor(logging.INFO):",
+            "if name not in WORDS:",
+            "system/test_clock.py::test_nothing_waits_where_nobody_listens",
+        ),
+        (
             "an error is not agreed on",
             "system/agreement",
             "        error = failure\n",
@@ -4301,6 +4308,13 @@ MUTANTS = [
             f"{ERRORS}::test_a_value_is_told_to_the_digits_of_its_bar",
         ),
         # run
+        (
+            "ladders are not restored",
+            "results/checkpoint",
+            "if ladder:",
+            "if not ladder:",
+            "judge/test_targets.py::test_a_checkpoint_gives_a_ladder_back",
+        ),
         (
             "digest of a checkpoint unchecked",
             "results/checkpoint",
