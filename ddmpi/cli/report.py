@@ -349,7 +349,7 @@ class RunReport:
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded", "guided"}:
             dissipated = sum(contact["dissipated"] or 0.0 for contact in contacts)
             numbers["dissipated"] = number(dissipated, unit=self.units["energy"])
-        numbers |= self._utilised()
+        numbers |= self._utilised() | self._bolts()
         for name, entries, unit in (
             ("displacement", self.bodies, "length"),
             ("von_mises", self.bodies, "stress"),
@@ -374,6 +374,26 @@ class RunReport:
             return {}
         most = max(shares, key=lambda name: shares[name])
         return {"most_utilised": number(shares[most], 3, "%"), "most_utilised_of": f"of {most}"}
+
+    def _bolts(self) -> dict[str, str]:
+        """The forces of bolts with their offsets, and the least one."""
+        pulled = {name: entry.get("pretension") for name, entry in self.contacts.items()}
+        bolts = {name: pull for name, pull in pulled.items() if pull}
+        if not bolts:
+            return {}
+        force, length = self.units["force"], self.units["length"]
+        words = {
+            name: (number(pull["force"], unit=force), number(pull["offset"], unit=length))
+            for name, pull in bolts.items()
+        }
+        least = min(bolts, key=lambda name: bolts[name]["force"])
+        return {
+            "bolt": words[least][0],
+            "bolt_of": f"of {least}" + f", the least of {len(bolts)}" * (len(bolts) > 1),
+            "bolts": " ".join(
+                f"{name}: {pull} at the offset {by}." for name, (pull, by) in words.items()
+            ),
+        }
 
     def _bars(self) -> dict[str, Any]:
         """The results whose errors were asked for, with their bars or words."""

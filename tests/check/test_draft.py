@@ -2,6 +2,7 @@
 
 import contextlib
 import re
+import tomllib
 
 import pytest
 from mpi4py import MPI
@@ -11,8 +12,9 @@ from ddmpi.check import draft
 from ddmpi.check.check import check
 from ddmpi.check.draft import draft_scene
 from ddmpi.errors import InputError, NotConvergedError, TakenError
+from ddmpi.mesh.alike import Drawn
 from ddmpi.mesh.build import kind_of_files
-from ddmpi.scene.reader import read_scene_file
+from ddmpi.scene.reader import read_scene_file, write_toml
 
 
 @pytest.mark.slow
@@ -50,3 +52,42 @@ def test_an_assembly_becomes_a_scene(tmp_path, caplog, monkeypatch):
     with pytest.raises(InputError, match=r"all\.step"):
         draft_scene(step, tmp_path / "other")
     assert not (tmp_path / "other").exists()
+
+
+def test_names_of_a_file_are_data():
+    """Bodies have letters, digits and dashes of labels, each a name of its own; a part is found by the label itself."""
+    labels = [
+        '<script>alert("x")</script>',
+        "../../etc/passwd",
+        '"]\n[[rigid]]\nname = "wall',
+        "bolt",
+        "bolt",
+        "bolt_5",
+        "Schraube M6×20",
+        "",
+        "x" * 500,
+    ]
+    parts = [Drawn(k, label, 10.0, None) for k, label in enumerate(labels, 1)]
+    bodies, words = draft._bodies(parts, "all.step")
+    names = [body["name"] for body in bodies]
+    assert names == [
+        "script_alert_x_script",
+        "etc_passwd",
+        "rigid_name_wall",
+        "bolt_4",
+        "bolt_5",
+        "bolt_5-2",
+        "Schraube_M6_20",
+        "part_8",
+        "x" * 80,
+    ]
+    assert tomllib.loads(write_toml({"body": bodies}))["body"] == bodies
+    assert [body["mesh"]["part"] for body in bodies] == [
+        *labels[:3],
+        4,
+        5,
+        *labels[5:7],
+        8,
+        labels[8],
+    ]
+    assert not re.search(r"[<>\n/]", "".join(words))

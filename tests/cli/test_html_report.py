@@ -199,6 +199,25 @@ def test_all_numbers_of_a_law_are_said(run):
     assert "Cohesive 0.25, 5e+06, varying" in report(run).text
 
 
+def test_forces_of_bolts_are_said(run):
+    """At the top the least one; with the contacts all, with their offsets."""
+    assert "olt force" not in report(run).text
+    contact = change(run)["contacts"]
+    (one,) = contact.values()
+    bolts = {
+        "left": one | {"pretension": {"force": 5000.0, "offset": 1.302e-4}},
+        "right": one | {"pretension": {"force": 4600.0, "offset": 1.2e-4}},
+    }
+    scene = change(run)["scene"]
+    scene["contact"] = [scene["contact"][0] | {"name": name} for name in bolts]
+    change(run, contacts=bolts, scene=scene)
+    text = report(run).text
+    assert "of right, the least of 2" in text
+    assert re.search(
+        r"Bolt forces: left: 5\.000 kN.* at the offset 130\.2 µm\. right: 4\.600 kN", text
+    )
+
+
 def test_a_run_that_has_not_converged_says_so(run):
     """Without a certified answer the report names what fails, and calls no number an answer."""
     summary = change(run, converged=False, reason="not converged: method.max_iterations is reached")

@@ -4945,6 +4945,13 @@ MUTANTS = [
         # check, cli
         ("a bore is a shaft", "check/faces", "@ measures < 0.0", "@ measures > 0.0", NUMBERED),
         (
+            "names of a file stand in the names of files",
+            "check/draft",
+            "re.sub('[^\\\\w-]+', '_', label)",
+            "label",
+            "check/test_draft.py::test_names_of_a_file_are_data",
+        ),
+        (
             "a pin that fits its hole from the head on is a bolt",
             "check/bolts",
             "if far and",
