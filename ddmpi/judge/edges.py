@@ -53,11 +53,13 @@ class Ends(NamedTuple):
     ----------
     sides : (k, 2, d) the ends of the sides there, in the plane one node twice (m)
     angles : (k,) of the body's material (rad); nan where the facet beside is held
+    rubs : (k,) the same where the facet beside is held by another contact alone, else nan
     modulus, poisson : plane modulus (Pa), and Poisson's ratio, nan of bodies with several or directed materials
     """
 
     sides: np.ndarray
     angles: np.ndarray
+    rubs: np.ndarray
     modulus: float
     poisson: float
 
@@ -118,9 +120,12 @@ def ends_of(
         angles = np.where(sharp, np.pi - bends.turn, np.pi)
         angles[unknown] = np.nan
         nodes = bends.nodes[chosen]
+        clamp = within(mesh, facets, clamped)[bends.facets].any(axis=1)
+        rubs = np.where(unknown & ~clamp, np.pi - bends.turn, np.nan)
         found[key] = Ends(
             mesh.points[nodes[:, [0, -1]]],
             angles[chosen],
+            rubs[chosen],
             interface_modulus(body),
             poisson_of(body),
         )
@@ -225,6 +230,7 @@ def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]
             at += [(end, what) for end in np.unique(side, axis=0)]
         elif _known_to_be_finite(bonded, angles, ends):
             finite += [*side]
+    finite += _cuts(ends, FLUSH * float(reach.max(initial=0.0))) if bonded else []
     return Singular(
         np.array([place for place, _ in at]).reshape(-1, interface.dimension),
         [what for _, what in at],
@@ -238,9 +244,25 @@ def _known_to_be_finite(bonded: bool, angles: np.ndarray, ends: Sequence[Ends]) 
     if len(ends) < 2 or not np.isfinite(mismatch(ends)):
         return False
     right = (np.abs(angles - 0.5 * np.pi) <= SHARPEST).all()
+    return bonded or bool(right and _alike(ends))
+
+
+def _alike(ends: Sequence[Ends]) -> bool:
+    """Whether two bodies have one isotropic material."""
     (one, nu), (other, its) = ((each.modulus, each.poisson) for each in ends)
-    alike = abs(one - other) <= SAME * one and abs(nu - its) <= SAME
-    return bonded or bool(right and alike)
+    return bool(abs(one - other) <= SAME * one and abs(nu - its) <= SAME)
+
+
+def _cuts(ends: Sequence[Ends], near: float) -> list[np.ndarray]:
+    """The ends of a bond at which it cuts one body in two, both of which touch others beside it: what is one body there
+    has no corner."""
+    if len(ends) < 2 or not (_alike(ends) and all(len(one.rubs) for one in ends)):
+        return []
+    one, other = ends
+    apart, at = cKDTree(other.sides.mean(axis=1)).query(one.sides.mean(axis=1))
+    # a comparison with nan is false
+    flush = np.abs(one.rubs + other.rubs[at] - np.pi) <= SHARPEST
+    return [place for side in one.sides[flush & (apart <= near)] for place in side]
 
 
 def reaches(interface: Interface) -> np.ndarray:

@@ -191,7 +191,7 @@ def test_dundurs_numbers():
     """Of like bodies none; of a rigid one α = 1, β = (1 − 2 ν) / (2 (1 − ν)); ν = 0 has no singular flush bond."""
 
     def ends(modulus: float, poisson: float) -> Ends:
-        return Ends(np.zeros((0, 2, 2)), np.zeros(0), modulus, poisson)
+        return Ends(np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0), modulus, poisson)
 
     assert mismatch([ends(1.0, 0.3), ends(1.0, 0.3)]) == pytest.approx(0.0, abs=1e-12)
     hard = mismatch([ends(1e12, 0.3), ends(1.0, 0.3)])

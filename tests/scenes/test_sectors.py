@@ -398,3 +398,28 @@ def test_a_sector_is_told(caplog):
     with caplog.at_level("INFO"):
         certified(rings(1, **BOND)[0])
     assert "one of 4 sectors, the next one turned by 90 degrees" in caplog.text
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_a_sector_that_may_turn_has_bars_and_no_corners(order):
+    """A fifth of a disc that is shrunk on a rigid shaft (Lamé): its turn is held, and its flanks cut no corner into it."""
+    inner, outer, wide, n = 10.0, 25.0, 0.01, 8
+    mesh = {"shape": "annulus", "center": [0.0, 0.0], "radii": [inner, outer], "angles": [10, 82]}
+    mesh |= {"divisions": [2 * n, n], "order": order}
+    material = {"young": 2e5, "poisson": 0.3, "plane": "stress"}
+    flanks = {"bodies": ["disc", "disc"], "on": ["end", "start"], "name": "flank"}
+    displaced, stressed = "bodies.disc.displacement_max", "bodies.disc.von_mises_max"
+    scene = {
+        "body": [{"name": "disc", "mesh": mesh, "material": material}],
+        "rigid": [{"name": "shaft", "shape": "circle", "center": [0.0, 0.0], "radius": inner}],
+        "contact": [
+            flanks | {"kind": "bonded", "image": {"turn": 72.0}},
+            {"bodies": ["disc", "shaft"], "on": ["inner"], "gap": -wide},
+        ],
+        "output": {"errors": [displaced, stressed]},
+    }
+    answer = certified(scene)
+    errors = answer.summary["errors"]
+    assert "turn" in answer.summary["held_motions"][0]["motion"]
+    assert abs(errors[displaced]["value"] - wide) <= errors[displaced]["bar"] < 1e-3 * wide
+    assert "no limit" not in errors[stressed]["word"]
