@@ -418,7 +418,7 @@ class March:
         x, first = np.arange(1, self._number) / self._number, self._base.length
         # length² = first² + t (length² − first²), solved for the times t at which the length has grown by the shares x
         if length > first:
-            x = ((first + x * (length - first)) ** 2 - first**2) / (length**2 - first**2)
+            x = x * (2.0 * first + x * (length - first)) / (length + first)  # also by rounding
         if closing:
             x = np.insert(x, 0, SHORT * x[0])
         return self._plan([*(start + x * (end - start)).tolist(), end])

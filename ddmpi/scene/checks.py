@@ -330,7 +330,8 @@ def _load_steps(scene: Any) -> Iterator[str]:
     for key in ("target_error", "target"):
         if getattr(scene.method, key):
             yield (
-                f"time: method.{key} is for one load step; refine the meshes by mesh.divisions or mesh.refine"
+                f"time: method.{key} is for one load step{', as converge is' * (key == 'target')}; refine the "
+                "meshes by mesh.divisions or mesh.refine"
             )
 
 

@@ -4626,6 +4626,13 @@ MUTANTS = [
             f"{FAR}::test_a_motion_of_both_bodies_changes_nothing",
         ),
         (
+            "equal steps of a contact that grows by rounding are not equal",
+            "run/steps",
+            "x = x * (2.0 * first + x * (length - first)) / (length + first)",
+            "x = ((first + x * (length - first)) ** 2 - first ** 2) / (length ** 2 - first ** 2)",
+            "run/test_far.py::test_steps_of_a_contact_that_grows_by_rounding_are_equal",
+        ),
+        (
             "held turns stay where passes left them",
             "run/places",
             "self._hold(freed)",
