@@ -7,7 +7,16 @@ import h5py
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import COULOMB, FLOOR, assert_refused, certified, rectangle, run_here, seldom, write_scene
+from scenes import (
+    COULOMB,
+    FLOOR,
+    assert_refused,
+    certified,
+    rectangle,
+    run_here,
+    seldom,
+    write_scene,
+)
 
 import ddmpi
 from ddmpi.interface import rows

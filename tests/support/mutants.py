@@ -4233,7 +4233,7 @@ MUTANTS = [
         (
             "flush right angles of unlike bodies with friction have finite stresses",
             "judge/edges",
-            "bonded or bool(right and alike)",
+            "bonded or bool(right and _alike(ends))",
             "bonded or bool(right)",
             "judge/test_edges.py::test_a_bar_that_a_contact_cuts_has_no_corner_there",
         ),
