@@ -1,6 +1,7 @@
 """Curves: stresses, gap and slip along contacts in the plane, iterations, and load steps."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import matplotlib.pyplot as plt
@@ -226,9 +227,9 @@ def draw_steps(results: Results) -> Any:
         {name: steps[name] for name in sorted(loops, key=lambda name: -largest[name])}
     )
     shown = list(names)[:LOOPS]
-    figure, grid = plt.subplots(
-        len(shown) + 1, 2, figsize=(9.6, 2.9 * (len(shown) + 1)), squeeze=False
-    )
+    beside = _drawn_beside(shown, steps, results)
+    rows = len(beside) + 1
+    figure, grid = plt.subplots(rows, 2, figsize=(9.6, 2.9 * rows), squeeze=False)
     loop, energies = grid[0]
     words: dict[str, None] = {}
     label, driver = _driver(summary, results.energy["time"])
@@ -244,11 +245,8 @@ def draw_steps(results: Results) -> Any:
         words[f"{'tangential ' * (what == 'force')}{what} ({summary['units'][what]})"] = None
     loop.set(xlabel=label, ylabel=", ".join(words))
     _draw_energies(energies, results.energy, summary["units"]["energy"])
-    for axes, name in zip(grid[1:], shown, strict=True):
-        if results.dimension == 2:
-            _draw_stresses(axes, name, results, summary["units"])
-        else:
-            _draw_course(axes, name, steps[name], summary["units"])
+    for axes, (name, draw) in zip(grid[1:], beside.items(), strict=True):
+        draw(axes)
         if names[name] != name:  # several, longer than an axis is high
             axes[0].set_title(names[name], fontsize=8, loc="left")
     for axes in (loop, energies):
@@ -256,6 +254,23 @@ def draw_steps(results: Results) -> Any:
         above(axes, axes.get_legend_handles_labels()[0], 2)
     figure.suptitle(f"{results.heading()}{len(results.energy['time'])} load steps")
     return figure
+
+
+def _drawn_beside(
+    contacts: Sequence[str], steps: Mapping[str, Columns], results: Results
+) -> dict[str, Callable[[Any], None]]:
+    """What draws the courses of contacts, in the plane the stresses: at the ends of legs, of which there is none where
+    the first one fails."""
+    units = results.summary["units"]
+    if results.dimension == 2:
+        return {
+            name: partial(_draw_stresses, name=name, results=results, units=units)
+            for name in contacts
+            if len(results.legs[name]["time"])
+        }
+    return {
+        name: partial(_draw_course, name=name, steps=steps[name], units=units) for name in contacts
+    }
 
 
 def _without_doubles(steps: Mapping[str, Columns]) -> dict[str, str]:

@@ -202,6 +202,14 @@ def test_stresses_of_load_steps_have_prefixes(tmp_path):
     ].get_ydata().max() == pytest.approx(30.0)
 
 
+def test_load_steps_whose_first_leg_fails_are_drawn(tmp_path):
+    """There are steps, but no end of a leg: steps.png draws loops and energies alone. (The run ended with code 5.)"""
+    results = in_steps(made(tmp_path))
+    for columns in results.legs.values():
+        columns.update({name: values[:0] for name, values in columns.items()})
+    assert len(draw_steps(results).axes) == 2
+
+
 def test_iterations_of_all_load_steps_follow_each_other(tmp_path):
     """Iterations count on over the load steps, whose curves are not joined."""
     made_up.results(tmp_path)

@@ -413,6 +413,13 @@ MUTANTS = [
             "scenes/test_sectors.py::test_a_sector_turns_freely_and_does_not_slide",
         ),
         (
+            "stresses are drawn where no leg has ended",
+            "pictures/curves",
+            "if len(results.legs[name]['time'])",
+            "if True",
+            "pictures/test_pictures.py::test_load_steps_whose_first_leg_fails_are_drawn",
+        ),
+        (
             "sectors of a view move as the first one",
             "pictures/browser",
             "fields['displacement'][:, :d] @ frame.turned.T",
