@@ -57,6 +57,8 @@ BESIDE_TURNS = (
     1e-6  # weight of the ways that bodies went, where the angles of held turns are put back
 )
 
+ROLLED = 0.1  # error of rolled ways, over `time.tolerance`
+
 FARTHEST = 15.0  # largest turn of a frame in a pass (degrees)
 
 
@@ -349,6 +351,19 @@ class FarMarch(March):
                             * float(((way.at(at) - at) * rows["forces"]).sum())
                         )
         return float(self.assembly.space.add(np.array([joules]))[0])
+
+    def _resolves(self) -> bool:
+        """Whether sides that rub turn so little past each other in a step that rolling is right to `ROLLED` of the
+        tolerance: what sticks at the end of a step by the angle θ has moved by sin θ, not θ, of a radius. Not
+        collective."""
+        scene, most = self.assembly.scene, 0.0
+        now, then = (mark.memory.frames(scene) for mark in (self._now, self._before))
+        for contact in self.assembly.contacts:
+            if contact.rubbing == (0.0, None):
+                continue
+            first, second = (now[name].after(then[name].undone) for name in contact.bodies)
+            most = max(most, norm(first.after(second.undone).turn))
+        return np.radians(most) ** 2 / 6.0 <= ROLLED * self._tolerance
 
     def _closing(self, s: np.ndarray) -> bool:
         """Nothing is known of gaps that close: rows are those of one step."""

@@ -475,6 +475,8 @@ class March:
         given = self._given if self._base.time == 0.0 else 0.0
         enough = close and self.log.excess(self._noted, given) <= self._tolerance
         words = "but friction dissipates more than contacts take" if close else "not enough"
+        if enough and not self._resolves():
+            enough, words = False, "but sides turn far past each other in a step"
         log.info(
             "time %g reached: %d and %d steps agree to %.2g, %s",
             self._end,
@@ -484,6 +486,10 @@ class March:
             "accepted" if enough else words,
         )
         return enough
+
+    def _resolves(self) -> bool:
+        """Whether steps are as small as forces alone do not tell."""
+        return True
 
     @property
     def _frictional(self) -> list[slice]:

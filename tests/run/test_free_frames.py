@@ -202,6 +202,24 @@ def test_a_turn_that_nothing_resists_is_put_back(clear):
     assert not any("not stable" in warning for warning in answer.summary["warnings"])
 
 
+def test_steps_that_are_not_given_are_small_enough_to_roll():
+    """A wheel that is turned by 45° rolls on by as much of its circumference, though the forces at the end are those of
+    one step of 45° (by which it rolled 3 to 10 % too little)."""
+    wheel = ring("wheel", (0.0, 1.0), (0.3, 1.0), (60, 4), clamp=["inner"])
+    turn = {"turn": -45.0, "pivot": [0.0, 1.0], "history": "roll"}
+    wheel["motion"] = [turn, {"free": ["x", "y"], "force": [0.0, -1.0], "history": "press"}]
+    scene = {
+        "time": {"points": [1.0, 2.0], "motions": "far"},
+        "history": {"press": history(0.0, 1.0), "roll": history(1.0, 2.0)},
+        "body": [wheel],
+        "rigid": [FLOOR],
+        "contact": [{"bodies": ["wheel", "floor"], "on": ["outer"], "friction": COULOMB}],
+    }
+    places = certified(scene).solved.steps.places
+    gone = places[2.0].freed["wheel"] - places[1.0].freed["wheel"]
+    assert gone[0] == pytest.approx(np.pi / 4.0, rel=3e-3)
+
+
 def test_what_holds_a_free_frame_is_judged():
     """The certificate has the balance of a frame with clamps, beside that of the body in it."""
     residuals = certified(lever()).solved.solution.certificate.equilibrium

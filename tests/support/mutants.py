@@ -4640,6 +4640,13 @@ MUTANTS = [
             "run/test_far.py::test_steps_of_a_contact_that_grows_by_rounding_are_equal",
         ),
         (
+            "steps of any angle resolve rolling",
+            "run/places",
+            "return np.radians(most) ** 2 / 6.0 <= ROLLED * self._tolerance",
+            "return True",
+            "run/test_free_frames.py::test_steps_that_are_not_given_are_small_enough_to_roll",
+        ),
+        (
             "held turns stay where passes left them",
             "run/places",
             "self._hold(freed)",
