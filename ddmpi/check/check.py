@@ -12,6 +12,7 @@ from mpi4py import MPI
 
 from ddmpi.body.compliance import bytes_in_words, memory_of_factors, memory_of_multigrid
 from ddmpi.body.loads import VOLUME, loads_by_group
+from ddmpi.check.costs import forecast
 from ddmpi.check.drawing import Looked, draw
 from ddmpi.check.faces import describe_face
 from ddmpi.check.nearby import Boundary, Missing, find_missing
@@ -46,6 +47,7 @@ from ddmpi.scene.contacts import Rigid, SettledContact, both_sides
 from ddmpi.scene.scene import Settled
 from ddmpi.scene.values import histories
 from ddmpi.system.agreement import agreed, merged
+from ddmpi.system.clock import Clock
 from ddmpi.system.doubts import condensed
 from ddmpi.system.numbers import ALIKE, in_words, moment
 from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
@@ -85,16 +87,19 @@ def _check(
             )
     with claimed:
         log.info("%s", scene.title or scene_path)
-        assembly = prepare_scene(world, scene, scene_path, factor=False)
+        clock = Clock()
+        assembly = prepare_scene(world, scene, scene_path, clock, factor=False)
         held, free = motions_to_hold(assembly), motions_without_resistance(assembly)
         mechanism = beyond_meshes(assembly, held, look_for_mechanism(assembly))
         overlaps = _overlaps(assembly)
         bodies, interfaces = _gather(assembly)
         near, folder = drawers(world), world.bcast(folder)
+        costs = forecast(assembly, clock.seconds, scene.output.figures and has_matplotlib())
         with agreed(world, asleep=True):
             boundaries = {name: body.boundary for name, body in bodies.items()}
             missing = list(find_missing(boundaries, scene.rigid, scene.contact))
-            for line in _page(assembly, bodies, interfaces, missing, free, ranks):
+            page = _page(assembly, bodies, interfaces, missing, free, ranks)
+            for line in (*page, *costs.lines(scene_path)):
                 log.info("%s", line)
             of_meshes = [body.doubt for body in bodies.values() if body.doubt]
             doubts = [*assembly.warnings, *locking_of(scene), *overlaps, *of_meshes]
@@ -106,6 +111,7 @@ def _check(
                     names = draw(folder, *shown, number, len(near))
                     log.info("pictures in %s: %s", folder, ", ".join(names))
                 if number == len(near) - 1:
+                    costs.write(folder)
                     write_check(folder / "check.html", *shown)
                 log.info("to turn, take apart and click: %s", folder / "check.html")
             _tell_what_is_left_out(figures and not has_matplotlib(), assembly)

@@ -119,7 +119,7 @@ def test_around_an_axis_with_springs_and_pushed_partners(looked_at, tmp_path):
         frozenset({("ring", "top"), ("stamp", "")}),
     }
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert names == {"bodies.png", "contacts.png", "check.html"}
+    assert names == {"bodies.png", "contacts.png", "check.html", "costs.json"}
 
 
 def test_nothing_is_factored():
@@ -339,7 +339,7 @@ def test_numbered_faces_are_drawn(looked_at, tmp_path):
     image = pytest.importorskip("matplotlib.image")
     scene = drawn_parts(tmp_path)
     looked_at(scene | {"body": scene["body"][:1]}, "out")
-    names = {path.name for path in (tmp_path / "out").iterdir()}
+    names = {path.name for path in (tmp_path / "out").glob("*.png")}
     assert names >= {"bodies.png", "bodies_behind.png", "faces_block.png", "faces_block_behind.png"}
     drawn = {
         name: image.imread(tmp_path / "out" / name)[..., :3] for name in names - {"check.html"}
@@ -373,6 +373,7 @@ def test_pictures(scene, looked_at, tmp_path):
         "bodies.png",
         "contacts.png",
         "check.html",
+        "costs.json",
     } | solid
     with pytest.raises(InputError, match="name a new folder"):
         looked_at(scene, "out")
@@ -391,14 +392,16 @@ def test_a_check_that_is_interrupted_has_nothing_to_save(monkeypatch):
 
 @pytest.mark.slow
 def test_ranks_and_ends(tmp_path):
-    """On any number of ranks it says the same; scenes that are wrong end as a run of them does."""
+    """On any number of ranks it says the same, but for costs; scenes that are wrong end as a run of them does."""
     path, said = str(write_scene(two_boxes(2, 3), tmp_path / "scene.toml")), {}
     for ranks, run in (
         (1, call("check", path, "--no-figures")),
         (3, run_python(["-m", "ddmpi", "check", path, "--no-figures"], 3)),
     ):
         assert (run.code, run.own_stderr) == (0, "")
-        said[ranks] = run.stdout.replace(f"ranks: {ranks}", "")
+        costs = r"^(memory of a run|time of a run|disk for its results|in a batch): .*$|ranks: \d"
+        said[ranks], number = re.subn(costs, "", run.stdout, flags=re.M)
+        assert number == 5
     assert said[1] == said[3]
     for setting in ('contact.0.on=["front", "nowhere"]', "body.upper.material.poisson=0.7"):
         ends = []

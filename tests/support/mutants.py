@@ -3824,6 +3824,20 @@ MUTANTS = [
             "mesh/test_cache.py::test_links_lead_nowhere",
         ),
         (
+            "a slower machine takes less time",
+            "check/costs",
+            "speed.product * work / (EASY * REFERENCE[1])",
+            "work / (EASY * REFERENCE[1]) / speed.product",
+            "check/test_costs.py::test_a_slower_machine_takes_longer",
+        ),
+        (
+            "a job has no time for its checkpoint",
+            "check/costs",
+            "math.ceil(1.5 * self.total[2] / 60.0) + 2",
+            "math.ceil(1.5 * self.total[2] / 60.0)",
+            "check/test_costs.py::test_slurm_gets_more_than_is_told",
+        ),
+        (
             "pictures are saved without their words",
             "pictures/sheet",
             "chunks.add_text(key, text)",
