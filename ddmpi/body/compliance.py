@@ -19,6 +19,13 @@ from ddmpi.petsc.events import event
 from ddmpi.petsc.lanczos import estimate_norm
 from ddmpi.system import interrupt
 
+SOLVERS = {
+    "explicit": "direct solver",
+    "direct": "direct solver, compliance direct",
+    "iterative": "multigrid",
+}
+"""Kinds of compliances in words."""
+
 LARGEST_RATIO = 2e6, 5e6
 """In the plane and in space, a dense compliance is the default up to this ratio of k³ to n, with k contact unknowns and
 n dofs. Only thin bodies exceed it: condensation costs them more than cheap products save."""

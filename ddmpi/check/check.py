@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.body.compliance import bytes_in_words, memory_of_factors, memory_of_multigrid
+from ddmpi.body.compliance import SOLVERS, bytes_in_words, memory_of_factors, memory_of_multigrid
 from ddmpi.body.loads import VOLUME, loads_by_group
 from ddmpi.check.costs import forecast
 from ddmpi.check.drawing import Looked, draw
@@ -53,12 +53,6 @@ from ddmpi.system.numbers import ALIKE, in_words, moment
 from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
 
 log = logging.getLogger("ddmpi")
-
-SOLVERS = {
-    "explicit": "direct solver",
-    "direct": "direct solver, compliance direct",
-    "iterative": "multigrid",
-}
 
 
 def check(

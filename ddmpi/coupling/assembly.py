@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -11,6 +12,7 @@ import msgspec
 import numpy as np
 from mpi4py import MPI
 
+from ddmpi.body.compliance import SOLVERS
 from ddmpi.body.elasticity import assemble
 from ddmpi.body.loads import ON_AXIS
 from ddmpi.body.rigid_motions import FreeFrame
@@ -45,8 +47,9 @@ from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import Located, Side
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, gathered
-from ddmpi.system.clock import Clock
+from ddmpi.system.clock import Clock, now_at
 from ddmpi.system.doubts import condensed
+from ddmpi.system.logs import PROGRESS
 from ddmpi.system.memory import free_memory
 from ddmpi.system.numbers import Frame, in_words
 
@@ -65,6 +68,9 @@ an arc that do not match three are by 2 %, a wheel of n sectors that is taken fo
 FLAT, ASIDE_FLAT = 1e-3, 2e-3
 """Sides whose unit normals differ by at most FLAT are flat; then meshes that do not match meet, but for the digits of a
 file, and ASIDE_FLAT takes the place of ASIDE."""
+
+LARGE = 300_000
+"""Dofs of a body whose multigrid takes 5 s to set up."""
 
 REUSED = {
     "mesh": ["mesh"],
@@ -196,6 +202,17 @@ class Assembly:
         return [name for name, motions in self.joint.slices.items() if motions.stop > motions.start]
 
 
+def _tell(body: Factored) -> None:
+    """Let the phase tell the body that is factored. The set-up of multigrid lets no thread tell anything, so that of a
+    large body is told before. Not collective."""
+    now_at(f"body.{body.name}, {SOLVERS[body.kind]}")
+    n = body.elasticity.A.size[0]
+    if body.kind == "iterative" and n >= LARGE:
+        logging.getLogger(PROGRESS).info(
+            "body.%s: multigrid is set up for %d unknowns", body.name, n
+        )
+
+
 def prepare(
     world: MPI.Comm,
     scene: Settled,
@@ -243,6 +260,7 @@ def prepare(
             # factors are most of the memory: those that are not used again are freed before others are made
             kept.expect("compliance", {body.name: body.depends(kept) for body in bodies})
             for body in bodies if factor else ():
+                _tell(body)
                 body.factor(kept)
                 interrupt.check()
     kept.end()

@@ -36,7 +36,7 @@ from ddmpi.run.recover import at_contacts, displaced, driven_partners
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import agreed, gathered
-from ddmpi.system.clock import Clock
+from ddmpi.system.clock import Clock, now_at
 from ddmpi.system.numbers import norm
 
 log = logging.getLogger("ddmpi")
@@ -217,6 +217,7 @@ class Iteration:
             self.statuses.record(self.outer.forces, self.outer.bound)
             free_garbage()  # a vector for every multiplication
             report(step)
+            now_at(f"iteration {step.iteration + 1}", said=True)
 
         with clock.phase("outer"):
             self.outer = choose_outer(assembly, method, note)
@@ -328,6 +329,7 @@ class Iteration:
     def _iterated(self) -> str:
         """Why the outer method has ended, which a checkpoint keeps together with the least motion. Collective."""
         outer, tolerance = self.outer, self.method.tolerance
+        now_at(f"iteration {len(outer.history) + 1}")
         try:
             stopped = self._kept(outer.run(self._tolerance))
             if stopped == "converged" and isinstance(outer, Newton):

@@ -7,24 +7,69 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from threading import Timer
+from threading import Thread
+from threading import enumerate as enumerate_threads
 
 from mpi4py import MPI
 from petsc4py import PETSc
 
-log = logging.getLogger("ddmpi")
+from ddmpi.system.logs import PROGRESS
 
-LONG = 5.0  # seconds after which a phase is told, if it has words
+log = logging.getLogger(PROGRESS)
+
+LONG = 5.0
+"""Seconds after which a phase is told, if it has words; again after twice, four times as many, and so on."""
 
 WORDS = {
     "assemble": "stiffnesses of bodies, and pairs of contact nodes",
     "factor": "factorizations of bodies, and their compliances",
+    "outer": "iterations",
+    "recover": "displacements under the forces found",
     "estimate": "the estimated error",
     "errors": "errors of results",
     "doubt": "warnings of the answer",
     "output": "files and pictures",
 }
-"""Of phases that say nothing by themselves; meshes and iterations do."""
+"""Of phases; while gmsh works, who waits for it tells so. Iterations are told one by one, and at work if one is long."""
+
+
+@dataclass
+class _Work:
+    """What a phase is at, since when it has said nothing, and after how many seconds it does."""
+
+    name: str
+    begun: float = field(default_factory=time.perf_counter)
+    due: float = field(default_factory=lambda: LONG)
+    part: str = ""
+
+
+_works: list[_Work] = []
+"""The phases of this process, the innermost last."""
+
+
+def now_at(part: str, said: bool = False) -> None:
+    """Let the present phase tell this `part` of it, such as a body, if it takes long; from now on if something was
+    `said`. Not collective."""
+    if _works:
+        _works[-1].part = part
+        if said:
+            _works[-1].begun, _works[-1].due = time.perf_counter(), LONG
+
+
+def _watch() -> None:
+    """Tell what long phases work at, while libraries that let threads run work: MUMPS does, multigrid's set-up does not."""
+    while True:
+        time.sleep(LONG / 10.0)
+        tell(time.perf_counter())
+
+
+def tell(now: float) -> None:
+    """Log what the present phase works at if it is long `now`, by time.perf_counter. Not collective."""
+    for work in _works[-1:]:
+        if now - work.begun >= work.due:
+            part = f", now at {work.part}" * bool(work.part)
+            log.info("%s: at work for %g s%s", WORDS[work.name], work.due, part)
+            work.due *= 2.0
 
 
 @dataclass
@@ -61,14 +106,14 @@ class Clock:
 
 @contextmanager
 def _told(name: str) -> Iterator[None]:
-    """Log what a phase works at, once it takes LONG: by another thread, while libraries work."""
+    """Tell what a phase works at, once it takes LONG: by another thread, which the first phase starts."""
     if name not in WORDS or not log.isEnabledFor(logging.INFO):
         yield
         return
-    timer = Timer(LONG, log.info, ["%s: at work for %g s", WORDS[name], LONG])
-    timer.daemon = True
-    timer.start()
+    if not any(thread.name == __name__ for thread in enumerate_threads()):
+        Thread(target=_watch, name=__name__, daemon=True).start()
+    _works.append(_Work(name))
     try:
         yield
     finally:
-        timer.cancel()
+        _works.pop()

@@ -92,7 +92,7 @@ def check() -> None:
 PATIENCE = 0.2
 """Seconds between two checks for signals while another process works."""
 
-SILENT = 10.0
+SILENT = 5.0
 """Seconds of such work before the first message; the next ones follow after twice, four times as many, and so on. Works
 shorter than this count together."""
 

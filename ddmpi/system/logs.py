@@ -16,6 +16,9 @@ from ddmpi.errors import InputError, OutputError
 
 _logger = logging.getLogger("ddmpi")
 
+PROGRESS = "ddmpi.progress"
+"""Who logs what a long phase works at."""
+
 ESCAPED = "backslashreplace"
 """What becomes of bytes of a file's name that are no text."""
 
@@ -150,13 +153,17 @@ def is_open(path: Path) -> bool:
 
 @contextlib.contextmanager
 def diverted(path: Path | None) -> Iterator[None]:
-    """Within the block, append all messages to the file `path` instead, if there is one. Raises OutputError."""
+    """Within the block, append all messages to the file `path` instead, if there is one; what a long phase works at stays
+    on the screen, too. Raises OutputError."""
     before = _logger.handlers
+    screens = [handler for handler in before if isinstance(handler, _Screen)]
     try:
         if path and path.is_symlink():
             raise OutputError(f"{path}: is a link, and nothing is written elsewhere")
         if path:
-            _logger.handlers = [_LogFile(path, encoding="utf-8", errors=ESCAPED)]
+            _logger.handlers = [_LogFile(path, encoding="utf-8", errors=ESCAPED), *screens]
+            for screen in screens:
+                screen.addFilter(_is_progress)
     except OSError as error:
         raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
     try:
@@ -164,7 +171,13 @@ def diverted(path: Path | None) -> Iterator[None]:
     finally:
         if path:
             close()
+            for screen in screens:
+                screen.removeFilter(_is_progress)
             _logger.handlers = before
+
+
+def _is_progress(record: logging.LogRecord) -> bool:
+    return record.name == PROGRESS
 
 
 def report_error(message: str) -> None:

@@ -219,7 +219,7 @@ MUTANTS = [
             "system/clock",
             "if name not in WORDS or not log.isEnabledFor(logging.INFO):",
             "if name not in WORDS:",
-            "system/test_clock.py::test_nothing_waits_where_nobody_listens",
+            "system/test_clock.py::test_a_thread_tells_while_others_work",
         ),
         (
             "an error is not agreed on",
@@ -3836,6 +3836,20 @@ MUTANTS = [
             "math.ceil(1.5 * self.total[2] / 60.0) + 2",
             "math.ceil(1.5 * self.total[2] / 60.0)",
             "check/test_costs.py::test_slurm_gets_more_than_is_told",
+        ),
+        (
+            "what has just been told is told again",
+            "system/clock",
+            "if said:",
+            "if not said:",
+            "system/test_clock.py::test_a_long_phase_tells_its_part",
+        ),
+        (
+            "a sweep hides what its case works at",
+            "system/logs",
+            "return record.name == PROGRESS",
+            "return False",
+            "system/test_clock.py::test_progress_of_a_case_is_on_the_screen_too",
         ),
         (
             "pictures are saved without their words",
