@@ -76,6 +76,52 @@ def stiffness_of(mesh: Mesh, material: Material) -> sparse.csr_matrix:
     return sparse.csr_matrix((K.data, (numbers[K.row], numbers[K.col])), K.shape)
 
 
+def default_stiffness_of(mesh: Mesh, material: Material) -> sparse.csr_matrix:
+    """K of elements as they are where a scene does not say how to integrate."""
+    modes = mesh.order == 1 and not mesh.cell.simplex
+    return (stiffness_with_modes if modes else stiffness_of)(mesh, material)
+
+
+def stiffness_with_modes(mesh: Mesh, material: Material) -> sparse.csr_matrix:
+    """K of linear quadrilaterals or hexahedra with incompatible modes 1 − ξ² along each edge, condensed in each cell, by
+    Taylor, Beresford and Wilson (Int. J. Numer. Meth. Engrg. 10, 1976)."""
+    (lam, mu), cells, d = material.lame, mesh.triangles, mesh.dimension
+    corners = 2.0 * np.array(mesh.cell.shape.corners) - 1.0
+    places = np.stack(np.meshgrid(*[[-1.0, 1.0]] * d), axis=-1).reshape(-1, d) / np.sqrt(3.0)
+
+    def slopes(at: np.ndarray) -> np.ndarray:
+        """∂N_i/∂ξ_a (c, d)."""
+        factors = (1.0 + corners * at) / 2.0
+        return np.stack(
+            [
+                corners[:, a] / 2.0 * np.prod(np.delete(factors, a, axis=1), axis=1)
+                for a in range(d)
+            ],
+            axis=1,
+        )
+
+    x = mesh.points[cells]
+    middle = np.einsum("tid,ia->tda", x, slopes(np.zeros(d)))
+    width = len(corners) + d
+    local = np.zeros((len(cells), width, d, width, d))
+    for at in places:
+        jacobian = np.einsum("tid,ia->tda", x, slopes(at))
+        size = np.linalg.det(jacobian)
+        modes = (np.linalg.det(middle) / size)[:, None, None] * np.linalg.solve(
+            middle.transpose(0, 2, 1), np.broadcast_to(np.diag(-2.0 * at), middle.shape)
+        )
+        nodal = np.einsum("ia,tad->tid", slopes(at), np.linalg.inv(jacobian))
+        G = np.concatenate([nodal, modes.transpose(0, 2, 1)], axis=1)
+        local += lam * np.einsum("t,tia,tjb->tiajb", size, G, G)
+        local += mu * np.einsum("t,tib,tja->tiajb", size, G, G)
+        local += mu * np.einsum("t,tic,tjc,ab->tiajb", size, G, G, np.eye(d))
+    K, n = local.reshape(len(cells), width * d, -1), len(corners) * d
+    K = K[:, :n, :n] - K[:, :n, n:] @ np.linalg.solve(K[:, n:, n:], K[:, n:, :n])
+    dofs = (d * cells[:, :, None] + np.arange(d)).reshape(len(cells), n)
+    row, column = np.broadcast_arrays(dofs[:, :, None], dofs[:, None, :])
+    return sparse.csr_matrix((K.ravel(), (row.ravel(), column.ravel())), (mesh.points.size,) * 2)
+
+
 def load_of(mesh: Mesh, form, intorder: int = 4, on: np.ndarray | None = None) -> np.ndarray:
     """The load vector (d nv,) of a skfem LinearForm over the body, or over the facets `on` with corners (·, d)."""
     basis, numbers = basis_of(mesh, intorder, on)

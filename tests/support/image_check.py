@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import result_check
-from by_skfem import load_of, stiffness_of
+from by_skfem import default_stiffness_of, load_of
 from result_check import NOTHING, SIDES, along, contact_forces, factor, normals, turning
 from scipy.optimize import linprog
 from skfem import LinearForm
@@ -123,7 +123,7 @@ def violations(scene: Scene, folder: Path) -> dict[str, float]:
     sides = _sides(scene, results, bodies)
     for body in scene["body"]:
         mesh, own = bodies[body["name"]]
-        K = stiffness_of(mesh, Material(**body["material"]))
+        K = default_stiffness_of(mesh, Material(**body["material"]))
         residual = acting[body["name"]] - (K @ own.ravel()).reshape(-1, d)
         scale = max(np.abs(residual).max(), NOTHING * size)
         _balance(scene, results, body, acting[body["name"]], forces, size, told)

@@ -11,7 +11,7 @@ import itertools
 from pathlib import Path
 
 import numpy as np
-from by_skfem import load_of, stiffness_of
+from by_skfem import default_stiffness_of, load_of
 from elsewhere import corners
 from scipy.optimize import linprog
 from skfem import LinearForm
@@ -224,7 +224,7 @@ def _residual(
         for group in FACES[d]
         for place, normal in [face(body, group)]
     }
-    residual = -(stiffness_of(mesh, Material(**body["material"])) @ u[nodes].ravel())
+    residual = -(default_stiffness_of(mesh, Material(**body["material"])) @ u[nodes].ravel())
     acting = [(None, body.get("volume_force", [0.0] * d))]
     acting += [
         (each["on"], factor(scene, each.get("history")) * np.array(each["value"]))
