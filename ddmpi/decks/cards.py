@@ -67,6 +67,21 @@ ELEMENTS: dict[str, dict[int, str]] = {
 KEPT = ("quad", "hexahedron")
 """Shapes that bodies keep which have elements of no other shape; all but simplices are cut elsewhere."""
 
+AROUND = {
+    "quad": ["013", "120", "231", "302"],
+    "hexahedron": ["0134", "1205", "2316", "3027", "4750", "5461", "6572", "7643"],
+}
+"""Of these shapes each corner with those at the other ends of its edges, right-handed."""
+
+
+def are_upright(corners: np.ndarray, shape: str) -> np.ndarray:
+    """(n,) bool, of which quadrilaterals or hexahedra with `corners` (n, c, d) the maps turn at no corner."""
+    first, *others = np.array([list(map(int, each)) for each in AROUND[shape]]).T
+    edges = corners[:, np.array(others)] - corners[:, first][:, None]
+    turn = np.linalg.det(edges.transpose(0, 2, 1, 3))
+    return (turn > 0.0).all(axis=1) | (turn < 0.0).all(axis=1)
+
+
 FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
 """Elements that a scene may have: family, nodes and variant."""
 

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.cards import EXACT, KEPT, SIDES, Block, Card, corners, faces, shape
+from ddmpi.decks.cards import EXACT, KEPT, SIDES, Block, Card, are_upright, corners, faces, shape
 from ddmpi.decks.deck import STRIDE
 
 Cut = tuple[Card, set[tuple[int, int]], np.ndarray, np.ndarray]
@@ -283,10 +283,20 @@ class Piece:
         return np.array(found)
 
     @property
-    def kept(self) -> bool:
-        """Whether its elements are not cut."""
+    def uniform(self) -> bool:
+        """Whether its elements are of one shape that bodies keep."""
         (one, *more) = {shape(block.kind) for block in self.blocks}
         return one in KEPT and not more
+
+    @cached_property
+    def kept(self) -> bool:
+        """Whether its elements are not cut: such ones, if all of them are convex."""
+        if not self.uniform:
+            return False
+        kind = shape(self.blocks[0].kind)
+        nodes = np.concatenate([block.entries[:, 1 : 1 + corners(kind)] for block in self.blocks])
+        at = self.points[np.searchsorted(self.nodes, nodes)]
+        return bool(are_upright(at[..., : 2 if kind == "quad" else 3], kind).all())
 
     @property
     def straight(self) -> bool:

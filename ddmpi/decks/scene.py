@@ -130,6 +130,11 @@ class Importer:
             found.append(integration)
             if integration != found[0]:
                 words = [f"{block.card.says('TYPE')} as the other elements of its body"]
+            if piece.uniform and not piece.kept:
+                words = [
+                    *words,
+                    f"{block.name}: an element of its body is not convex, so that all are cut",
+                ]
             for each in words:
                 self.notes.add("changed", block.card, each)
         return found[0]

@@ -93,7 +93,7 @@ def _refuse_integration(spec: MeshSpec, mesh: Mesh, key: str, axisymmetric: bool
     """Raise InputError where a mesh has another integration than its cells, their order or an axis allow."""
     order, words = {"modes": 1, "reduced": 2}.get(spec.integration or ""), ""
     if spec.integration and mesh.cell.simplex:
-        words = f"belongs to bodies of quadrilaterals or hexahedra alone; this one has {mesh.cell.names}"
+        words = f"belongs to bodies of quadrilaterals or hexahedra alone, all of them convex; this one has {mesh.cell.names}"
     elif order not in (None, spec.order):
         words = f'= "{spec.integration}" belongs to order = {order}; leave it out, or write "full"'
     elif spec.integration == "modes" and axisymmetric:

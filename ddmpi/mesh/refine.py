@@ -8,9 +8,9 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.cards import FACES, SIDES
+from ddmpi.decks.cards import FACES, SIDES, are_upright
 from ddmpi.errors import InputError
-from ddmpi.mesh.elements import BRICKS, CELLS, CUTS, Cell, cell_with, cross
+from ddmpi.mesh.elements import BRICKS, CELLS, CUTS, Cell, cell_with
 from ddmpi.mesh.mesh import Mesh, signed_measures
 from ddmpi.system.numbers import SAME
 
@@ -266,9 +266,7 @@ def are_bricks(raw, d: int, some: np.ndarray | None) -> bool:
     corners, _, element = bricks(raw, d, raw.points)
     if some is not None:
         corners = corners[np.isin(element, some)]
-    tangents = cell.tangents(raw.points[corners][..., :d], cell.nodes)
-    turn = (tangents[0] * cross(tangents[1:])).sum(axis=0)
-    return bool(((turn > 0.0).all(axis=0) | (turn < 0.0).all(axis=0)).all())
+    return bool(are_upright(raw.points[corners][..., :d], cell.shape.kind).all())
 
 
 def _of_kind(raw, kind: str) -> tuple[str, np.ndarray, np.ndarray]:

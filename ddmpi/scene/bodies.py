@@ -565,8 +565,10 @@ class SettledBody(BodySpec, frozen=True, kw_only=True):
     @property
     def locking(self) -> str:
         """Why the discretization error of this body cannot be estimated; empty if it can."""
+        if self.mesh.order != 1 or not self.locking_ratio:
+            return ""
+        less = ", with incompatible modes less" * self.mesh.has_modes
         return (
-            f"{self.name}: no estimate: linear elements lock at nu = {self.locking_ratio:g}; write mesh.order = 2"
-            if self.mesh.order == 1 and self.locking_ratio
-            else ""
+            f"{self.name}: no estimate: linear elements lock at nu = {self.locking_ratio:g}{less}; "
+            "write mesh.order = 2"
         )

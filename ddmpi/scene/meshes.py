@@ -176,6 +176,11 @@ class MeshSpec(Table, frozen=True, kw_only=True):
         return self.geometry is not None or self.shape in DRAWN
 
     @property
+    def has_modes(self) -> bool:
+        """Whether it says that it has incompatible modes; one of a file may have them without."""
+        return self.integration == "modes" or (self.elements == "bricks" and not self.integration)
+
+    @property
     def refinable(self) -> bool:
         """Whether an accuracy target may refine the mesh."""
         return self.file is None or self.refine == "as needed"

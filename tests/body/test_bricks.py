@@ -3,13 +3,18 @@
 import numpy as np
 import pytest
 from bricks import grid
+from by_skfem import stiffness_with_modes
+from mpi4py import MPI
 
+import ddmpi
 from ddmpi.body.estimate import estimate_error
 from ddmpi.body.loads import thermal_loads
 from ddmpi.body.stiffness import sum_stiffness
 from ddmpi.body.stress import stress
+from ddmpi.judge.plausible import doubt_cells
 from ddmpi.mesh.elements import BRICKS
 from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.bodies import Material
 
 KINDS = [
@@ -150,3 +155,44 @@ def test_rings_of_quadrilaterals(order):
         errors.append((u * sum_stiffness(ring, SOLID).mult(u)).sum() / exact - 1.0)
         assert np.ptp(stress(ring, SOLID, ring.points), axis=0).max() < 1e-12
     assert 0.0 < errors[1] < errors[0] / 2 ** (2 * order - 0.3)
+
+
+@pytest.mark.parametrize("d", [2, 3])
+def test_modes_are_those_of_taylor_beresford_and_wilson(d):
+    """On distorted cells, by sums over Gauss points written anew."""
+    mesh = grid((3, 2, 2)[:d], 1, 0.3, integration="modes")
+    assert matrix(mesh) == pytest.approx(stiffness_with_modes(mesh, SOLID).toarray(), abs=1e-14)
+
+
+def bent(mesh, nu=0.3, **keys):
+    """A bar of a unit square across, pushed aside at its end: its energy over that of a beam."""
+    arrays = {"points": mesh.points, "cells": mesh.triangles, "groups": mesh.groups}
+    body = {"name": "bar", "mesh": arrays | keys, "clamp": ["left"]}
+    body["material"] = {"young": 1.0, "poisson": nu}
+    body["traction"] = [{"on": "right", "value": [0.0, 0.0, 1e-6]}]
+    answer = ddmpi.solve({"body": [body]}, MPI.COMM_SELF)
+    return answer.summary["bodies"]["bar"]["energy"] / (1e-12 * 10.0**3 / 6.0 * 12.0)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_trapezoids_bend_better_where_they_are_cut(order):
+    """As they are warned of: of slanted ones bricks of order 1 lose 47 % of the energy, of order 2 5 %, the cut 1.7 %; of
+    straight ones none loses more than 1.5 %, and there is no warning."""
+    for slant in (0.0, 0.35):
+        mesh = grid((10, 1, 1), 1, sizes=np.array([10.0, 1.0, 1.0]))
+        x, _, z = mesh.points.T
+        side = np.where(np.rint(x) % 2 == 1, 1.0, -1.0) * ((x > 0.1) & (x < 9.9))
+        mesh.points[:, 0] += slant * side * (2.0 * z - 1.0)
+        own, cut = bent(raise_order(mesh, "", order)), bent(mesh, cut=True, order=2)
+        assert ("are far from parallelepipeds" in doubt_cells(mesh, "bar")) == (slant > 0.0)
+        assert cut > 0.98
+        assert own < (0.56, 0.96)[order - 1] if slant else own > 0.98
+
+
+def test_modes_lock_less_near_the_incompressible():
+    """A bar of 20 x 2 x 2 bricks: a seventh of its energy is lost with modes at nu = 0.4999, four fifths without."""
+    mesh = grid((20, 2, 2), 1, sizes=np.array([10.0, 1.0, 1.0]))
+    modes, full = (
+        [bent(mesh, nu, integration=how) for nu in (0.3, 0.4999)] for how in ("modes", "full")
+    )
+    assert modes[0] > 0.98 and 0.7 < modes[1] < 0.95 and full[1] < 0.25

@@ -1,5 +1,6 @@
 """Several materials in one body: exact fields, stiffness, error estimate, and what is refused."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -90,6 +91,20 @@ def test_linear_triangles_lock_in_any_part(order):
         == "block: no estimate: linear elements lock at nu = 0.4999; write mesh.order = 2"
     )
     assert spec.settled(2).locking == ""
+    for keys, words in (
+        ({}, ", with incompatible modes less"),
+        ({"integration": "full"}, ""),
+        ({"integration": "modes"}, ", with incompatible modes less"),
+    ):
+        mesh = msgspec.structs.replace(
+            MeshSpec(shape="rectangle", origin=(0.0, 0.0), size=(1.0, 1.0), divisions=(1, 1)),
+            elements="bricks",
+            **keys,
+        )
+        bricks = msgspec.structs.replace(
+            spec, mesh=mesh, material=Material(young=1e6, poisson=0.4999)
+        ).settled(1)
+        assert f"lock at nu = 0.4999{words}; write" in bricks.locking
 
 
 @both_orders

@@ -930,6 +930,26 @@ def test_quadrilaterals_keep_their_integration(tmp_path, kind, integration, word
         assert "as the other elements of its body" in str(imported(tmp_path, two)[1])
 
 
+@pytest.mark.parametrize("kind", ["CPE4", "C3D8"])
+def test_a_body_with_an_element_that_is_not_convex_is_cut(tmp_path, kind):
+    """Beyond the plane of the neighbours of a corner: it was kept on paper, and its scene refused."""
+    d = 2 if kind == "CPE4" else 3
+    deck = grid("A", (1,) * d, (1.0,) * d, kind=kind) + STEEL + SECTION + "1.0\n" * (d == 2)
+    deck += "*BOUNDARY\nA_X0, 1, 3\n" + step("*DLOAD", "1, P1, -7.")
+    corner = re.search(rf"\d+, {', '.join(['1.0'] * d)}\n", deck).group().split(",")[0]
+    least = 0.5 if d == 2 else 2.0 / 3.0
+    for share, order in ((1.01, 1), (0.99, 2)):
+        place = ", ".join([repr(share * least)] * d)
+        text = re.sub(rf"{corner}, {', '.join(['1.0'] * d)}\n", f"{corner}, {place}\n", deck)
+        scene, lists = imported(tmp_path, text)
+        assert scene["body"][0]["mesh"]["order"] == order
+        assert ("an element of its body is not convex, so that all are cut" in lists) == (
+            order == 2
+        )
+        if d == 2:
+            solved(tmp_path, text)
+
+
 def test_several_materials_and_moved_supports(tmp_path):
     """One body with materials by sets; displacements linear in place are one clamp, others one for each value."""
     deck = (

@@ -94,7 +94,7 @@ def test_an_integration_fits_cells_order_and_axis(tmp_path):
     path = written(tmp_path / "cut.msh", cells=[("triangle", [[0, 1, 4], [4, 3, 0], [1, 2, 5]])])
     with pytest.raises(
         InputError,
-        match="integration belongs to bodies of quadrilaterals or hexahedra alone; this one has triangles",
+        match="integration belongs to bodies of quadrilaterals or hexahedra alone, all of them convex; this one has triangles",
     ):
         built(path, order=1, integration="full")
 
