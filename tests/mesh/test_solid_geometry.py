@@ -77,18 +77,24 @@ def test_faces_curves_and_points_of_cad_files_have_numbers(tmp_path):
         with pytest.raises(InputError, match=words):
             drawn(path, clamp=[asked])
     mesh = drawn(path, order=2, clamp=["curve 3", "point 2", "5"])
-    assert list(mesh.curves) == ["curve 3"] and list(mesh.vertices) == ["point 2"]
-    assert mesh.groups.keys() == {
-        str(k) for k in range(1, 7)
-    } and mesh.measures().sum() == pytest.approx(1.0)
-    areas = sorted(area(mesh, name) for name in mesh.groups)
-    assert areas == pytest.approx([0.5, 0.5, 1.0, 1.0, 2.0, 2.0])
     ends = mesh.points[mesh.nodes_of("curve 3")]
     assert np.count_nonzero(np.ptp(ends, axis=0) > 1e-9) == 1 and len(mesh.vertices["point 2"]) == 1
     with pytest.raises(
         InputError, match="'curve 3' is a physical curve of the mesh, which only a clamp may name"
     ):
         drawn(path, traction=[Traction(on="curve 3", pressure=1.0)])
+
+
+def test_curves_and_points_are_groups_where_they_are_asked_for(tmp_path):
+    """All faces are, by their numbers."""
+    path = cad(tmp_path / "block.step", lambda occ: occ.addBox(0, 0, 0, 2, 1, 0.5))
+    mesh = drawn(path, clamp=["curve 3", "point 2", "5"])
+    assert list(mesh.curves) == ["curve 3"] and list(mesh.vertices) == ["point 2"]
+    assert mesh.groups.keys() == {
+        str(k) for k in range(1, 7)
+    } and mesh.measures().sum() == pytest.approx(1.0)
+    areas = sorted(area(mesh, name) for name in mesh.groups)
+    assert areas == pytest.approx([0.5, 0.5, 1.0, 1.0, 2.0, 2.0])
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from ddmpi.results.tables import (
     PATH,
     SIDES,
     STEPS_IN,
+    named,
     write_contact,
     write_sides,
     write_steps,
@@ -171,3 +172,9 @@ def test_steps_has_a_line_per_step_and_contact(tmp_path):
     assert [line[:2] for line in lines] == [["0.5", "a"], ["0.5", "b"], ["1.0", "a"], ["1.0", "b"]]
     assert lines[0][2:] == ["1.0", "nan", "3.0", "4.0", "5.0", "6", "7", "8", "9.0", "nan"]
     assert lines[1][7] == "0"
+
+
+@pytest.mark.parametrize(("axisymmetric", "called"), [(False, "length"), (True, "area")])
+def test_nodal_lengths_around_an_axis_are_areas(axisymmetric, called):
+    """In the header of a contact's table; the others have their names."""
+    assert named(["x", "length", "gap"], axisymmetric) == ["x", called, "gap"]

@@ -109,6 +109,13 @@ MUTANTS = [
             f"{PRODUCTS}[clamp by formula-strain-1-once]",
         ),
         (
+            "areas around an axis are called lengths",
+            "results/tables",
+            "if axisymmetric else column for column in columns",
+            "if not axisymmetric else column for column in columns",
+            "results/test_tables.py::test_nodal_lengths_around_an_axis_are_areas",
+        ),
+        (
             "means over sides without the circumference",
             "results/tables",
             "* circumference(places, axisymmetric)",
@@ -1247,6 +1254,13 @@ MUTANTS = [
             "yield (_basis(there[a], asides[1]) @ _basis(here[first], asides[0]).T)",
             "yield (np.linalg.qr(here.T @ there)[0])",
             f"{EQUAL}::test_equal_solids_are_copies_and_mirror_images_are_not",
+        ),
+        (
+            "curves and points of all drawings are groups",
+            "mesh/forms",
+            "if every and k == side or name in wanted:",
+            "if every or name in wanted:",
+            "mesh/test_solid_geometry.py::test_curves_and_points_are_groups_where_they_are_asked_for",
         ),
         (
             "a face by what it is has any radius",
