@@ -13,7 +13,8 @@ import msgspec
 import numpy as np
 
 from ddmpi.errors import OutputError
-from ddmpi.pictures.moved import PRESSED, apart, magnify, painted_by, pressed, rigid_parts
+from ddmpi.pictures.moved import apart, magnify, painted_by, pressed, rigid_parts
+from ddmpi.pictures.scales import BRIGHTEST, pressure_ends, stress_end
 from ddmpi.pictures.sheet import (
     COLOURS,
     FILLED,
@@ -34,8 +35,6 @@ from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.motions import Image
 from ddmpi.system.files import writing
 from ddmpi.system.numbers import ALIKE, Frame, RigidMotion, crossed, scaled_unit
-
-BRIGHTEST = 0.998  # share of the area at which colours of stresses end: singular ones must not set the scale
 
 MECHANISM = {
     "moved": 0.1,  # its largest displacement in the picture, over the bodies' extent
@@ -70,19 +69,18 @@ def skin_of(results: Results) -> Skin:
     return Skin(view, results.points, results.fields["cells"])
 
 
-def draw_bodies(results: Results) -> Any:
-    """The deformed bodies, coloured by von Mises stress, or by displacement if there is no stress; a figure."""
+def draw_bodies(results: Results, folder: Path | None = None) -> Any:
+    """The deformed bodies, coloured by von Mises stress, with the ends of all load steps whose fields are in the `folder`,
+    or by displacement if there is no stress; a figure."""
     (scale, shift), skin, fields = magnify(results), skin_of(results), results.fields
     values, quantity, unit = coloured(results, fields)
     values, still = skin.extended(values), skin.extended(results.points + shift)
     facets, at = skin.facets, still + skin.extended(results.displacement(scale))
     seen = values[np.unique(facets)]
     moved = float(np.linalg.norm(results.displacement(), axis=1).max())
-    low, top = (
-        (0.0, limits(values, skin.areas(results.points), BRIGHTEST)[1])
-        if quantity != "displacement"
-        else (seen.min(), seen.max())
-    )
+    cut = View(results.points, results.summary["scene"]["output"]).cut
+    whole = skin if cut is None else None
+    top = stress_end(results, folder, whole) if quantity != "displacement" else values.max()
     beyond, rigid = skin.beyond, rigid_parts(results, scale)
     if results.summary["scene"]["output"].get("mirrored"):
         facets, at, still, values, beyond = _both_halves(facets, at, still, values, beyond)
@@ -92,7 +90,7 @@ def draw_bodies(results: Results) -> Any:
             results.summary["scene"], facets, at, still, values, beyond
         )
     factor, unit = scaled_unit(seen.max(), unit)
-    image = colours_of(low / factor, top / factor or 1.0, "viridis")
+    image = colours_of(0.0, top / factor or 1.0, "viridis")
     sheet = Sheet(results, np.vstack([still[beyond <= 0.0], at[beyond <= 0.0]]), rigid)
     sheet.outline(still, facets, beyond)
     sheet.show([Surface(at, facets, by_value(values[facets] / factor, image), beyond, plain=True)])
@@ -313,7 +311,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     shown = [COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
     steps = partial(load_steps, results, folder, int(ANIMATION["frames"]))
     seen = partial(steps, () if what in ("pressure", "displacement") else shown)
-    largest, least, top, (quantity, unit) = _extremes(results, seen(), what, pressing, skin)
+    largest, least, top, (quantity, unit) = _extremes(results, seen(), what, skin)
+    least, top, quantity, unit = _whole_ends(results, folder, pressing, least, top, quantity, unit)
     factor, shift, shifts = *magnify(results, largest), dict[str, np.ndarray]()
     if pressing:
         view, nowhere = View(results.points, output), np.zeros(results.dimension)
@@ -356,23 +355,35 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     return _write_frames(folder / "animation.gif", frames)
 
 
+def _whole_ends(
+    results: Results,
+    folder: Path,
+    pressing: Sequence[str],
+    least: float,
+    top: float,
+    quantity: str,
+    unit: str,
+) -> tuple[float, float, str, str]:
+    """The ends of an animation's colours, with words and unit: of stresses and pressures those of all pictures."""
+    if pressing:
+        stress_unit = results.summary["scene"]["output"]["stress_unit"]
+        return 0.0, pressure_ends(results)[1], "pressure", stress_unit
+    if quantity == "von Mises stress":
+        return 0.0, stress_end(results, folder), quantity, unit
+    return least, top, quantity, unit
+
+
 def _extremes(
-    results: Results, steps: Iterable[Any], what: str | bool, pressing: Sequence[str], skin: Skin
+    results: Results, steps: Iterable[Any], what: str | bool, skin: Skin
 ) -> tuple[float, float, float, list[str]]:
     """The largest displacement (m), the ends of the colours in SI units, of all load steps; what these stand for and
     the unit in which it is shown."""
     largest = least = top = 0.0
     areas = skin.areas(results.points)
-    for _, fields, surfaces in steps:
+    for _, fields, _ in steps:
         largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
-        if pressing:
-            words = ["pressure", results.summary["scene"]["output"]["stress_unit"]]
-            pressures = [np.nan_to_num(surfaces[name]["pressure"]) for name in pressing]
-            values = np.concatenate([np.zeros(1), *pressures])
-            ends = 0.0, limits(values, values > 0.0, PRESSED)[1]
-        else:
-            values, *words = coloured(results, fields, what)
-            ends = limits(skin.extended(values), areas, BRIGHTEST)
+        values, *words = coloured(results, fields, what)
+        ends = limits(skin.extended(values), areas, BRIGHTEST)
         least, top = min(least, ends[0]), max(top, ends[1])
     return largest, least, top, words
 

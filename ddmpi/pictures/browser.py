@@ -17,10 +17,10 @@ from scipy.spatial import cKDTree
 
 from ddmpi import __version__
 from ddmpi.errors import InputError
-from ddmpi.pictures.bodies import BRIGHTEST, largest_of, sectors_of
+from ddmpi.pictures.bodies import largest_of, sectors_of
 from ddmpi.pictures.moved import ABOVE, apart, covered, magnify, pressed
+from ddmpi.pictures.scales import pressure_ends, stress_end
 from ddmpi.pictures.script import view_template
-from ddmpi.pictures.sheet import limits
 from ddmpi.pictures.views import Skin, View, sharp_edges
 from ddmpi.results.fields import by_kind, owners
 from ddmpi.results.histories import at_step, load_steps, placed
@@ -103,6 +103,9 @@ def _page(results: Results, folder: Path) -> str:
     shown = "von_mises", "nodal_von_mises"
     for k, (time, fields, surfaces) in enumerate(load_steps(results, folder, most, shown)):
         scene.put(k, time, fields, surfaces)
+    scene.tops["pressure"] = pressure_ends(results)[1]
+    if "nodal_von_mises" in results.fields:
+        scene.tops["von_mises"] = stress_end(results, folder)
     return page_of(results, scene.head(), scene.arrays)
 
 
@@ -149,7 +152,6 @@ class Scenery:
             Skin(self._view, results.points, results.fields["cells"]),
             owners(results),
         )
-        self._areas = skin.areas(results.points)
         # solids keep the nodes inside, too, for cuts, unless there are too many
         cells = skin.facets[:0]
         if d > 2:
@@ -209,11 +211,7 @@ class Scenery:
         self.arrays.put(f"lifted{k}", u[self._painted["nearest"]])
         for name, value in values.items():
             self.arrays.put(f"{name}{k}", np.maximum(value, 0.0))
-            share = self._areas[nodes] if name != "pressure" else 1.0 * (value > 0.0)
-            some = share > 0.0
-            if some.any():
-                bright = limits(value[some], share[some], BRIGHTEST)[1]
-                self.tops[name] = max(self.tops[name], bright)
+            self.tops[name] = max(self.tops[name], value.max(initial=0.0))
             place = int(value.argmax()) if len(value) else 0
             self.marks[name].append((float(value.max(initial=0.0)), place))
         if "nodal_von_mises" in fields:  # that of a cell, as in the summary: nodes extrapolate it

@@ -13,7 +13,6 @@ from ddmpi.mesh.mesh import signed_measures
 from ddmpi.pictures.bodies import middles, skin_of
 from ddmpi.pictures.moved import (
     FACING,
-    PRESSED,
     STRAIGHT,
     apart,
     directions,
@@ -22,6 +21,7 @@ from ddmpi.pictures.moved import (
     pressed,
     rigid_parts,
 )
+from ddmpi.pictures.scales import pressure_ends
 from ddmpi.pictures.sheet import (
     COLOURS,
     RESOLVED,
@@ -29,7 +29,6 @@ from ddmpi.pictures.sheet import (
     Sheet,
     above,
     filled,
-    limits,
     mark,
     rounded,
     signed_colours,
@@ -145,18 +144,17 @@ def _draw_painted(
     scene, skin = results.summary["scene"], skin_of(results)
     shown = {contact["name"]: results.contacts[contact["name"]] for contact in pressed(results)}
     stresses, kind, factor, unit_of = _stresses(results, shown)
-    signed, top = stresses.min(initial=0.0) < 0.0, np.abs(stresses).max(initial=0.0)
+    top = np.abs(stresses).max(initial=0.0)
     shifts = apart(results, View(results.points, scene["output"]))
     off = np.array([shifts[name] for name in results.summary["bodies"]])
     at = skin.extended(results.points + off[owners(results)])
-    area = np.where(stresses, np.concatenate([table["area"] for table in shown.values()]), 0.0)
-    most = limits(np.abs(stresses), area, PRESSED)[1] if top else 1.0
-    image = signed_colours(-most / factor * signed, most / factor, "YlOrRd")
+    least, most = pressure_ends(results)
+    image = signed_colours(least / factor, most / factor, "YlOrRd")
     painted = list(painted_by(results, shown, shifts, image, factor))
     surfaces = [surface for surface, _ in painted]
     sheet = Sheet(results, np.vstack([at[skin.beyond <= 0.0], *(each.at for each in surfaces)]))
     sheet.show([Surface(at, skin.facets, filled("still"), skin.beyond), *surfaces])
-    ends = "both" if signed else "max"
+    ends = "both" if least < 0.0 else "max"
     sheet.colours(image, f"{kind} ({unit_of})", ends if most < top else "neither")
     first = {contact["name"]: contact["bodies"][0] for contact in scene["contact"]}
     # the first body is pushed by an arrow that ends at the contact
@@ -269,10 +267,13 @@ def draw_maps(results: Results, name: str) -> Any:
     for axes, panel in zip(grid.ravel(), maps, strict=False):
         if panel:
             what, field, quantity, colours = panel
-            most = np.abs(surface[field]).max(initial=0.0) or results.summary["displacement_max"]
-            factor, unit_of = scaled_unit(most, units.get(quantity, quantity))
+            span, most = _ends_of(results, name, field)
+            factor, unit_of = scaled_unit(
+                most or results.summary["displacement_max"], units.get(quantity, quantity)
+            )
             values = surface[field][cells].ravel() / factor
-            _draw_values(axes, at, values, colours, f"{what} ({unit_of})", unit_of)
+            scale = np.array(span) / factor, colours
+            _draw_values(axes, at, values, scale, f"{what} ({unit_of})", unit_of)
             if what == "friction" and slips:
                 _draw_slip(axes, at, along, cells, surface, units["length"])
         else:
@@ -302,10 +303,10 @@ def _maps(results: Results, name: str, gaps: bool) -> list[tuple[str, str, str, 
     tension = -stress.min(initial=0.0) > RESOLVED * np.abs(stress).max(initial=0.0)
     maps: list[tuple[str, str, str, str] | None] = []
     if np.any(stress):
-        maps.append(("normal stress" if tension else "pressure", "pressure", "stress", "Blues"))
+        maps.append(("normal stress" if tension else "pressure", "pressure", "stress", "YlOrRd"))
     maps.append(None)
     if np.any(surface["friction"]):
-        maps.append(("friction", "friction", "stress", "Oranges"))
+        maps.append(("friction", "friction", "stress", "Blues"))
         if np.any(surface.get("utilisation", 0.0)):  # none in earlier results
             maps.append(("friction / bound", "utilisation", "%", "Purples"))
     if gaps:
@@ -331,13 +332,32 @@ def _grid(number: int, width: float, height: float) -> tuple[Any, np.ndarray]:
     )
 
 
+def _ends_of(results: Results, name: str, field: str) -> tuple[tuple[float, float], float]:
+    """Where the colours of a field begin and end in the maps of all `pressed` contacts, or of all others if this one is
+    bonded; and its largest size in them."""
+    shown = {contact["name"] for contact in pressed(results)}
+    alike = [each for each in results.surfaces if (each in shown) == (name in shown)]
+    values = np.concatenate([np.zeros(1), *(results.surfaces[each][field] for each in alike)])
+    most = float(np.nanmax(np.abs(values)))
+    if field == "pressure" and name in shown:
+        return pressure_ends(results), most
+    least = float(np.nanmin(values))
+    return (least if least < -RESOLVED * most else 0.0, float(np.nanmax(values))), most
+
+
 def _draw_values(
-    axes: Any, at: np.ndarray, values: np.ndarray, colours: str, label: str, unit_of: str
+    axes: Any,
+    at: np.ndarray,
+    values: np.ndarray,
+    scale: tuple[np.ndarray, str],
+    label: str,
+    unit_of: str,
 ) -> None:
-    """Colour cells (c, 3, 2) by values (3 c,) at their corners, with a bar, and mark the largest."""
-    least, places = values.min(initial=0.0), at.reshape(-1, 2)
-    negative = least < -RESOLVED * np.abs(values).max(initial=0.0)
-    image = signed_colours(least * negative, values.max(initial=0.0), colours)
+    """Colour cells (c, 3, 2) by values (3 c,) at their corners, with a bar, and mark the largest; `scale` are the ends of
+    colours and their name."""
+    (low, top), places = scale[0], at.reshape(-1, 2)
+    image = signed_colours(low, top, scale[1])
+    extend = ("neither", "max", "both")[bool(values.max() > top) * (1 + (low < 0.0))]
     axes.tripcolor(
         *places.T,
         np.arange(len(values)).reshape(-1, 3),
@@ -347,7 +367,7 @@ def _draw_values(
         cmap=image.cmap,
         rasterized=True,
     )
-    axes.figure.colorbar(image, ax=axes, label=label, aspect=15, pad=0.02)
+    axes.figure.colorbar(image, ax=axes, label=label, aspect=15, pad=0.02, extend=extend)
     mark(axes, places[np.argmax(values)], f"{rounded(values.max())} {unit_of}")
 
 

@@ -54,7 +54,8 @@ def draw_all(
         _ask(last, asked)
         results, last = placed(at_step(last, folder, time)), placed(last)
         with plt.rc_context(STYLE):
-            figures = pictures_of(results, last, None if time is not None else folder / MECHANISM)
+            mechanism = None if time is not None else folder / MECHANISM
+            figures = pictures_of(results, last, mechanism, folder)
             for name, draw in itertools.islice(figures, number, None, drawers):
                 figure = draw()
                 drawn.append((into or folder) / name)
@@ -84,8 +85,11 @@ def _ask(results: Results, asked: dict[str, Any]) -> None:
     results.summary["scene"]["output"] |= new
 
 
-def pictures_of(results: Results, last: Results, mechanism: Path | None = None) -> Pictures:
-    """The pictures, the longest work first; errors are of the `last` step. A file of a `mechanism` is shown alone."""
+def pictures_of(
+    results: Results, last: Results, mechanism: Path | None = None, folder: Path | None = None
+) -> Pictures:
+    """The pictures, the longest work first; errors are of the `last` step. A file of a `mechanism` is shown alone. With
+    load steps in a `folder` colours have the ends of all."""
     from ddmpi.pictures.contacts import draw_contacts, draw_maps  # they need matplotlib
     from ddmpi.pictures.curves import draw_contact, draw_convergence, draw_steps
     from ddmpi.pictures.levels import draw_levels, has_levels
@@ -96,7 +100,7 @@ def pictures_of(results: Results, last: Results, mechanism: Path | None = None) 
             lambda: draw_mechanism(last, json.loads(mechanism.read_text(encoding="utf-8"))),
         )
         return
-    yield "bodies.png", lambda: draw_bodies(results)
+    yield "bodies.png", lambda: draw_bodies(results, folder)
     yield "convergence.png", lambda: draw_convergence(results)
     if has_levels(last.summary):
         yield "accuracy.png", lambda: draw_levels(last)

@@ -210,6 +210,21 @@ def test_a_view_turns_as_it_is_dragged_and_tells_its_largest_value(tmp_path):
 
 @pytest.mark.slow
 @in_browser
+def test_a_largest_value_out_of_sight_is_said_to_be(tmp_path):
+    """The largest pressure lies below the upper body: between closed bodies and from above it is hidden, from below not."""
+    stacked(tmp_path)
+    words = "document.querySelector('#mark').textContent"
+    with opened(write_view(tmp_path), "#field=pressure&look") as page:
+        page.wait(f"{words}.startsWith('out of sight: max ')")
+        page.set("apart", 1)
+        page.tell("state.apart = 2; state.elevation = -15; draw(); return 0")
+        page.wait(f"{words}.startsWith('max ')")
+        page.tell("state.elevation = 30; draw(); return 0")
+        page.wait(f"{words}.startsWith('out of sight: max ')")
+
+
+@pytest.mark.slow
+@in_browser
 def test_axisymmetric_bodies_turn_around_their_axis(tmp_path):
     """Three quarters of a turn (two sections, 54 strips along the outlines), a half, a whole turn, and none."""
     made_up.results(tmp_path)

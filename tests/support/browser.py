@@ -71,7 +71,7 @@ class Page:
 
     def wait(self, expression: str) -> Any:
         """The value of an expression as soon as it is none of false, 0, "" and null."""
-        end = time.monotonic() + LIMIT / 4
+        end = time.monotonic() + LIMIT / 10
         while not (value := self.tell(expression)):
             assert time.monotonic() < end, f"{expression} stays {value!r}"
             time.sleep(0.1)

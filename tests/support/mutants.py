@@ -5099,6 +5099,20 @@ MUTANTS = [
             "check/test_page.py::test_parts_come_apart_in_the_plane_and_around_an_axis",
         ),
         (
+            "colours of stresses end at those of the smallest load",
+            "pictures/scales",
+            "return max(",
+            "return min(",
+            "pictures/test_scales.py::test_stresses_have_one_scale",
+        ),
+        (
+            "colours of pressures end at those of one load step",
+            "pictures/scales",
+            "results.legs.get(contact['name']) or table",
+            "table",
+            "pictures/test_scales.py::test_pressures_have_one_scale",
+        ),
+        (
             "solids from behind are seen from the front",
             "check/drawing",
             "    if behind:\n",
