@@ -21,7 +21,7 @@ from scenes import (
 import ddmpi
 from ddmpi.interface import rows
 from ddmpi.pictures.draw import draw_all
-from ddmpi.results.tables import read_results
+from ddmpi.results.tables import cells_by_kind, read_results
 from ddmpi.system.numbers import Frame
 
 MU = COULOMB["coefficient"]
@@ -469,7 +469,8 @@ def test_files_are_of_the_world(tmp_path):
     results = read_results(folder)
     with h5py.File(folder / "result.h5") as file:
         points, body = file["points"][()][:, :2], np.zeros(len(file["points"]), int)
-        body[file["cells"][()]] = file["body"][()][:, None]
+        (cells,) = cells_by_kind(file).values()
+        body[cells[()]] = file["body"][()][:, None]
         for number, time in enumerate(sorted({time for time, _ in frames})):
             group = file.get(f"step_{number:06d}", file)
             u, total = (
