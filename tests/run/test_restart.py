@@ -20,6 +20,8 @@ from scenes import Run, pinched_blocks
 from solid_scenes import two_boxes
 from test_failures import only_message
 
+from ddmpi.results.tables import read_fields
+
 pytestmark = pytest.mark.slow
 
 FILES = set(RESULTS)
@@ -302,7 +304,7 @@ SAME = {"newton": pinched_blocks(6), "published": pinched_blocks(4, theta=0.2, t
 
 def fields(run: Run) -> dict[str, np.ndarray]:
     with h5py.File(run.folder / "result.h5") as file:
-        return {name: np.array(data) for name, data in file.items()}
+        return read_fields(file)
 
 
 def test_a_run_has_one_answer(tmp_path):

@@ -24,8 +24,9 @@ from pathlib import Path
 
 import fault
 import h5py
-import numpy as np
 import scenes
+
+from ddmpi.results.tables import read_fields
 
 RESULTS = scenes.DATA
 TRACES = ("seconds", "hosts", "run", "started", "command", "working_folder", "slurm")
@@ -416,7 +417,7 @@ def contents(folder: Path, files: Collection[str] = RESULTS) -> dict:
     for body in summary["bodies"].values():
         del body["memory_mib"]
     with h5py.File(folder / "result.h5") as file:
-        fields = {name: np.array(data).tobytes() for name, data in file.items()}
+        fields = {name: data.tobytes() for name, data in read_fields(file).items()}
     return {
         "summary": summary,
         "fields": fields,
