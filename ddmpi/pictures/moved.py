@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull
 from ddmpi.mesh.elements import normals
 from ddmpi.pictures.sheet import COLOURS, MARGIN, by_value, filled, round_down
 from ddmpi.pictures.views import Surface, View
-from ddmpi.results.fields import owners, vectors
+from ddmpi.results.fields import linear_parts, owners, vectors
 from ddmpi.results.histories import frames_at
 from ddmpi.results.summary import factor_at, motion_at
 from ddmpi.results.tables import Columns, Results
@@ -20,6 +20,7 @@ from ddmpi.system.numbers import RigidMotion
 
 DRAWN = 0.08  # displacements and shifts are drawn as at most this fraction of the bodies' extent
 INVISIBLE = 0.002  # errors of at most this fraction of the bodies' extent cannot be seen in a picture: two pixels
+FLAT = 0.05  # a cell is drawn with at least this fraction of its size
 FARTHEST = 100.0  # largest drawn displacement over the bodies' extent, whatever the magnification
 
 FACING, STRAIGHT = 0.4, 0.02
@@ -38,7 +39,8 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
 
     Each body is shifted as a whole, by F − 1 times the initial gap of its contact, negative for an overlap. Gaps are
     then drawn F times as wide as they are, and closed nodes touch. Where initial gaps vary, as in rings, this holds for
-    their mean alone; F is so small that errors at closed nodes and overlaps at others are invisible. A scene that gives
+    their mean alone; F is so small that errors at closed nodes and overlaps at others are invisible, and no cell is turned
+    inside out. A scene that gives
     ``output.magnification`` gets it, up to FARTHEST. `largest` is a displacement of an earlier load step that F has to
     suit as well (m). Not collective.
     """
@@ -78,9 +80,24 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
         for limit in _limits(table, shift, INVISIBLE * extent)
     ]
     chosen = round_down(min([DRAWN * extent / size, *limits])) if size else 1.0
+    chosen = _unfolded(results, chosen)
     asked = results.summary["scene"]["output"].get("magnification")
     factor = min(asked, FARTHEST * extent / size if size else asked) if asked else max(chosen, 1.0)
     return factor, (factor - 1.0) * shifts[owner]
+
+
+def _unfolded(results: Results, factor: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten up to `factor` at which each cell keeps a part FLAT of its size."""
+    cells = linear_parts(results.fields["cells"], results.dimension)[0]
+    drawn, moved = (
+        values[cells[:, 1:]] - values[cells[:, :1]]
+        for values in (results.points, results.displacement())
+    )
+    size = np.linalg.det(drawn)
+    least = FLAT * np.abs(size)
+    while factor > 1.0 and (np.linalg.det(drawn + factor * moved) * np.sign(size) < least).any():
+        factor = round_down(0.99 * factor)
+    return factor
 
 
 def _initially(table: Columns) -> np.ndarray:

@@ -209,3 +209,18 @@ def test_bodies_are_drawn_at_the_magnification_in_the_title():
     # There is one line where they touch.
     assert np.unique(heights.round(9)) == pytest.approx(np.linspace(0.0, 2.0, 17))
     assert "displacement × 2000, largest 100 µm" in figure._suptitle.get_text()
+
+
+@pytest.mark.parametrize("orientation", [1, -1])
+def test_no_cell_is_drawn_inside_out(orientation):
+    """A thin layer below a block that is pressed by a tenth of its thickness is drawn at half of it, not through itself."""
+    x, y = np.meshgrid([0.0, 1.0], [0.0, 0.02, 1.0], indexing="ij")
+    points = np.column_stack([x.ravel(), y.ravel()])[:, ::orientation]
+    cells = np.array([[0, 3, 1], [3, 4, 1], [1, 4, 2], [4, 5, 2]])[:, ::orientation]
+    u = np.where(points[:, ::orientation][:, 1:] > 0.0, 1.0, 0.0) * np.array([0.0, -0.002])
+    mesh = Mesh(points, cells, {})
+    results, _ = deformed({"block": mesh}, {"block": u[:, ::orientation]}, {})
+    factor, shift = magnify(results)
+    assert factor == 5.0 and not shift.any()
+    at = points + factor * u[:, ::orientation]
+    assert (np.sign(np.linalg.det(at[cells[:, 1:]] - at[cells[:, :1]])) > 0).all()

@@ -5113,6 +5113,13 @@ MUTANTS = [
             "pictures/test_scales.py::test_pressures_have_one_scale",
         ),
         (
+            "cells are drawn inside out",
+            "pictures/moved",
+            "least = FLAT * np.abs(size)",
+            "least = -FLAT * np.abs(size)",
+            "pictures/test_magnify.py::test_no_cell_is_drawn_inside_out",
+        ),
+        (
             "solids from behind are seen from the front",
             "check/drawing",
             "    if behind:\n",
