@@ -34,6 +34,9 @@ KINDS = {
 }
 """Words for kinds of faces and curves, by gmsh's own; a face or a curve of another kind is a face or a curve."""
 
+FREE = ("bspline surface", "bezier surface", "surface of extrusion", "surface of revolution")
+"""Gmsh's kinds of faces that may be cylinders, as some CAD programs write them."""
+
 ROUND = ("arc", "cylinder", "sphere", "torus")
 """Kinds that have a radius."""
 
@@ -152,12 +155,10 @@ def _face(gmsh, k: int, tag: int) -> Face:
     except Exception:  # gmsh's own kernel knows neither areas nor distances
         measure, words = curve_bend(gmsh, tag)[1] if k == 1 else 0.0, ""
     place = _rounded(gmsh, box(gmsh, k, tag).mean(axis=0))
-    axis = (
-        tuple(map(tuple, _axis(gmsh, k, tag).tolist())) if _kind(gmsh, k, tag) == "cylinder" else ()
-    )
-    return Face(
-        gmsh.model.getType(k, tag).lower(), _radius(gmsh, k, tag), measure, place, words, axis
-    )
+    kind, axis = gmsh.model.getType(k, tag).lower(), tuple[tuple[float, ...], ...]()
+    if _kind(gmsh, k, tag) == "cylinder":
+        kind, axis = "cylinder", tuple(map(tuple, _axis(gmsh, k, tag).tolist()))
+    return Face(kind, _radius(gmsh, k, tag), measure, place, words, axis)
 
 
 def _kind(gmsh, k: int, tag: int) -> str:
@@ -166,7 +167,18 @@ def _kind(gmsh, k: int, tag: int) -> str:
     if kind == "ellipse":  # so gmsh draws discs
         steps = np.linalg.norm(np.diff(samples(gmsh, tag), axis=0), axis=1)
         kind = "circle" if np.ptp(steps) < SAME_PLACE * steps.max() else kind
+    if kind in FREE and _is_cylinder(gmsh, tag):
+        kind = "cylinder"
     return KINDS.get(kind, ("curve", "face")[k - 1])
+
+
+def _is_cylinder(gmsh, tag: int) -> bool:
+    """Whether a face of any kind is a circular cylinder: one principal curvature is constant, and the other one zero."""
+    low, high = gmsh.model.getParametrizationBounds(2, tag)
+    at = (low + _grid(5) * (high - low)).ravel()
+    bends = np.sort(np.abs(gmsh.model.getPrincipalCurvatures(tag, at)[:2]), axis=0)
+    near = SAME_PLACE * bends.max()
+    return bool(bends[1].min() > 0.0 and bends[0].max() < near and np.ptp(bends[1]) < near)
 
 
 def _radius(gmsh, k: int, tag: int) -> float:
@@ -246,15 +258,17 @@ def _axis(gmsh, k: int, tag: int) -> np.ndarray:
     if kind not in ("cylinder", "sphere"):
         return np.empty((0, 3))
     low, high = gmsh.model.getParametrizationBounds(2, tag)
-    ends = low + np.array([[1, 0], [2, 0], [1, 3], [2, 3]]) / 3 * (high - low)
-    at = np.reshape(gmsh.model.getValue(2, tag, ends.ravel()), (4, 3))
-    normal = np.reshape(gmsh.model.getNormal(tag, ends.ravel()), (4, 3))
+    grid = (low + np.indices((3, 3)).reshape(2, -1).T / 2 * (high - low)).ravel()
+    at = np.reshape(gmsh.model.getValue(2, tag, grid), (-1, 3))
+    normal = np.reshape(gmsh.model.getNormal(tag, grid), (-1, 3))
     # of a hollow one the outer normals point to it
     centres = min(
         (at + sign * radius * normal for sign in (-1.0, 1.0)),
-        key=lambda centre: np.linalg.norm(centre[1] - centre[0]),
+        key=lambda centre: np.linalg.svd(centre - centre.mean(axis=0))[1][1],
     )
-    return centres[[0, 2]] if kind == "cylinder" else centres[:1]
+    apart = np.linalg.norm(centres[:, None] - centres, axis=2)
+    ends = np.unravel_index(apart.argmax(), apart.shape)
+    return centres[list(ends)] if kind == "cylinder" else centres[:1]
 
 
 class _Fit(NamedTuple):

@@ -91,6 +91,25 @@ def test_faces_in_one_plane_are_told_apart(tmp_path):
         drawn(path, size=2.0, clamp=["plane at (6, 1, 4)"])
 
 
+def test_cylinders_of_other_programs(tmp_path):
+    """Some write them as splines, which are cylinders by their curvature; a cone as a spline is none."""
+
+    def draw(occ) -> None:
+        occ.cut([(3, occ.addBox(-4, -4, 0, 8, 8, 3))], [(3, occ.addCylinder(0, 0, 0, 0, 0, 3, 1))])
+        occ.addCone(20, 0, 0, 0, 0, 3, 2, 1)
+        occ.dilate(occ.getEntities(3), 0, 0, 0, 2, 2, 2)  # makes splines of all faces
+
+    path = cad(tmp_path / "splines.step", draw)
+    bore, cone = (drawn(path, size=4.0, part=k).faces.values() for k in (1, 2))
+    (round_one,) = [face for face in bore if face.kind == "cylinder"]
+    assert round_one.radius == pytest.approx(2.0) and round_one.words.startswith("cylinder r=2 at ")
+    assert sorted(end[2] for end in round_one.axis) == pytest.approx([0.0, 6.0], abs=1e-9)
+    assert np.abs(np.array(round_one.axis)[:, :2]).max() < 1e-9
+    assert not [face for face in cone if face.kind == "cylinder"]
+    mesh = drawn(path, size=4.0, part=1, order=2, clamp=["cylinder r=2 at (0, 0, 3)"])
+    assert area(mesh, "cylinder r=2 at (0, 0, 3)") == pytest.approx(24 * np.pi, rel=1e-3)
+
+
 def test_a_point_on_the_axis_means_all_around_it(tmp_path):
     """A bore in two halves, as CAD programs draw it, is one group by a point on its axis, and a half by a point on it."""
 
