@@ -6,8 +6,9 @@ import pytest
 from scenes import FLOOR, Run, certified, pinched_blocks, rectangle, run_here, write_scene
 from solid_scenes import box
 
+from ddmpi.interface.interface import Lines
 from ddmpi.mesh.elements import facet_measures
-from ddmpi.results.fields import contact_fields
+from ddmpi.results.fields import contact_fields, drawn_facets
 from ddmpi.results.tables import write_contact
 from ddmpi.results.xdmf import write_surface
 
@@ -245,3 +246,11 @@ def test_forces_at_the_points_of_earlier_load_steps_add_up_too(tmp_path):
             assert surfaces["normal_force"][()].sum() == pytest.approx(size, rel=1e-9)
             force = surfaces["force"][()].sum(axis=0)
             assert force == pytest.approx([*told["force"], 0.0], abs=1e-9 * size)
+
+
+@pytest.mark.parametrize(("axisymmetric", "first"), [(True, [[0, 1]]), (False, [])])
+def test_a_facet_at_the_axis_is_drawn_though_a_node_has_no_area(axisymmetric, first):
+    """Elsewhere one whose nodes share a row, one of them with next to no length, is left out."""
+    xy = np.array([[0.0, 0.3], [0.1, 0.3], [0.2, 0.3]])
+    lines = Lines(np.array([0, 0, 1]), xy, np.array([1e-9, 0.1, 0.1]), np.array([[0, 1], [1, 2]]))
+    assert drawn_facets(lines, axisymmetric).tolist() == [*first, [1, 2]]

@@ -3712,6 +3712,13 @@ MUTANTS = [
             "results/test_fields.py::test_bodies_and_contacts_are_grids_of_their_names",
         ),
         (
+            "facets are at the axis with all of their nodes",
+            "results/fields",
+            "faces |= axisymmetric & (lines.xy[facets, 0] == 0.0).any(axis=1)",
+            "faces |= axisymmetric & (lines.xy[facets, 0] == 0.0).all(axis=1)",
+            "results/test_outlines.py::test_a_facet_at_the_axis_is_drawn_though_a_node_has_no_area",
+        ),
+        (
             "cells of one kind among others as if all had as many nodes",
             "results/fields",
             "number = (cells >= 0).sum(axis=1)",

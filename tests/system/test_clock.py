@@ -5,6 +5,7 @@ import threading
 import time
 
 import pytest
+from scenes import LIMIT
 
 from ddmpi.system import clock, logs
 from ddmpi.system.clock import Clock, now_at
@@ -77,7 +78,7 @@ def test_a_thread_tells_while_others_work(caplog, monkeypatch):
     watches = [thread for thread in threading.enumerate() if thread.name == clock.__name__]
     monkeypatch.setattr(clock, "LONG", 0.02)
     with Clock().phase("factor"), Clock().phase("estimate"):
-        until = time.monotonic() + 20.0
+        until = time.monotonic() + LIMIT
         while not told(caplog) and time.monotonic() < until:
             time.sleep(0.02)
     assert told(caplog)[0] == "the estimated error: at work for 0.02 s"
