@@ -92,8 +92,8 @@ def _check(
         with agreed(world, asleep=True):
             boundaries = {name: body.boundary for name, body in bodies.items()}
             missing = list(find_missing(boundaries, scene.rigid, scene.contact))
-            page = _page(assembly, bodies, interfaces, missing, free, ranks)
-            for line in (*page, *costs.lines(scene_path)):
+            told = costs.lines(scene_path)
+            for line in _page(assembly, bodies, interfaces, missing, free, ranks, told):
                 log.info("%s", line)
             of_meshes = [body.doubt for body in bodies.values() if body.doubt]
             doubts = [*assembly.warnings, *locking_of(scene), *overlaps, *of_meshes]
@@ -271,8 +271,9 @@ def _page(
     missing: Sequence[Missing],
     free: Sequence[str],
     ranks: int,
+    costs: Iterator[str],
 ) -> Iterator[str]:
-    """The lines of the page. Not collective."""
+    """The lines of the page, those that can be pasted at its end. Not collective."""
     scene = assembly.scene
     unit = scene.units
     yield (
@@ -295,6 +296,7 @@ def _page(
     ]
     yield from (f"contact {some(names, 'contacts')}: {words}" for words, names in grouped(contacts))
     yield from (f"{motion}, whatever touches" for motion in free)
+    yield from costs
     taken = {contact.name for contact in scene.contact}
     for lack in missing:
         yield from _describe_missing(lack, scene, taken)
