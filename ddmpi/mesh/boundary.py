@@ -159,8 +159,9 @@ def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Crea
 
 
 def parts_of(on: str, known: Collection[str]) -> list[str]:
-    """The groups of which a name is made that is not `known` itself: "8" and "27" of "8+27" or "8 & 27"."""
-    return [on] if on in known else re.split(r" *[+&] *", on)
+    """The groups of which a name is made that is not `known` itself: "8" and "27" of "8+27" or "8 & 27"; signs in
+    parentheses are those of numbers."""
+    return [on] if on in known else re.split(r" *[+&](?![^(]*\)) *", on)
 
 
 def combined(mesh: Mesh, name: str, clamp: bool = False) -> Mesh:

@@ -62,7 +62,7 @@ GRIDS = 1, 4, 16, 64
 
 
 class Form(NamedTuple):
-    """A face or a curve by what it is: kind, radius (m) or 0, outer normal (3,) or zero, and a point (3,) (m)."""
+    """A face or a curve by what it is: kind, radius (m) or 0, outer unit normal (3,) or zero, and a point (3,) (m)."""
 
     kind: str
     radius: float
@@ -70,9 +70,22 @@ class Form(NamedTuple):
     at: np.ndarray
 
     @classmethod
-    def of(cls, kind: str, radius: str | None, normal: str | None, at: str) -> Form:
-        """That of the groups of `FORM`."""
-        return cls(kind, float(radius or 0.0), _numbers(normal), _numbers(at))
+    def of(cls, words: str, label: str) -> Form | None:
+        """That of `words`; None if they are a name. Raises InputError for numbers that no face has."""
+        found = FORM.fullmatch(words)
+        if not found:
+            return None
+        kind, radius, normal, at = found.groups()
+        along, place = _numbers(normal), _numbers(at)
+        longest = np.abs(along).max() if normal else 1.0
+        sizes = float(radius or 1.0), longest
+        if not np.isfinite([*sizes, *place]).all() or min(sizes) <= 0.0:
+            raise InputError(
+                f"{label}: {words!r} needs finite numbers, a radius above 0 and a normal that is not 0"
+            )
+        along = along / longest  # squares of what is left neither vanish nor overflow
+        unit = along / np.linalg.norm(along) if normal else along
+        return cls(kind, float(radius or 0.0), unit, place)
 
 
 def _numbers(place: str | None) -> np.ndarray:
@@ -122,11 +135,8 @@ def _called(
 def _described(gmsh, wanted: Collection[str], label: str) -> dict[tuple[str, int], list[int]]:
     """The numbers of the faces, or in the plane curves, that are `wanted` by what they are. Raises InputError."""
     side = gmsh.model.getDimension() - 1
-    described = [(part, found) for part in wanted if (found := FORM.fullmatch(part))]
-    return {
-        (part, side): _find(gmsh, Form.of(*found.groups()), part, label)
-        for part, found in described
-    }
+    described = [(part, form) for part in wanted if (form := Form.of(part, label))]
+    return {(part, side): _find(gmsh, form, part, label) for part, form in described}
 
 
 def _refuse_missing(
@@ -292,8 +302,7 @@ def _fits(gmsh, form: Form, side: int) -> Iterator[_Fit]:
             radius, axis = _radius(gmsh, side, tag), _axis(gmsh, side, tag)
             other = bool(form.radius) and abs(form.radius - radius) > WITHIN * form.radius
             if form.normal.any():
-                unit = form.normal / np.linalg.norm(form.normal)
-                other |= bool(np.linalg.norm(_normal(gmsh, side, tag) - unit) > WITHIN)
+                other |= bool(np.linalg.norm(_normal(gmsh, side, tag) - form.normal) > WITHIN)
             off = np.inf
             if len(axis):
                 off = float(np.linalg.norm(nearest_in(at[None], axis[None])[0] - at))

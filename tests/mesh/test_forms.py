@@ -76,6 +76,32 @@ def test_a_face_that_is_not_there_is_refused_with_the_nearest(tmp_path):
         drawn(path, size=10.0, part=1, clamp=["plane at (40, 0, 4)"])
 
 
+@pytest.mark.parametrize(
+    "on",
+    [
+        "plane n=(0, 0, 1) at (20, 0, 1e999)",
+        "cylinder r=1e999 at (10, 0, 2)",
+        "cylinder r=0 at (10, 0, 2)",
+        "plane n=(0, 0, 0) at (20, 0, 4)",
+        "plane n=(1e999, 0, 0) at (20, 0, 4)",
+    ],
+)
+def test_numbers_that_no_face_has_are_refused(tmp_path, on):
+    """Of one that is too far away any face is the nearest."""
+    with pytest.raises(InputError, match="needs finite numbers, a radius above 0 and a normal"):
+        drawn(plate(tmp_path / "plate.step"), size=10.0, part=1, clamp=[on])
+
+
+def test_numbers_may_have_signs_and_any_size(tmp_path):
+    """A + of a number puts no names together; normals have any length."""
+    path, top = plate(tmp_path / "plate.step"), "plane n=(0, 0, +1e200) at (+2e+1, 0, 4)"
+    both, tiny = f"{top}+cylinder at (10, 0, +2)", "plane n=(0, 1e-200, 0) at (20, 10, 2)"
+    mesh = drawn(path, size=10.0, part=1, clamp=[top, both, tiny])
+    assert area(mesh, top) == pytest.approx(800 - 9 * np.pi, rel=0.02)
+    assert area(mesh, both) == pytest.approx(800 + 15 * np.pi, rel=0.02)
+    assert area(mesh, tiny) == pytest.approx(160.0)
+
+
 def test_faces_in_one_plane_are_told_apart(tmp_path):
     """Of a fork the one on which the point lies; between its prongs there is none."""
     path = cad(

@@ -1277,6 +1277,20 @@ MUTANTS = [
             f"{FORMS}::test_a_face_that_is_not_there_is_refused_with_the_nearest",
         ),
         (
+            "faces by what they are have endless numbers",
+            "mesh/forms",
+            "if not np.isfinite([*sizes, *place]).all() or min(sizes) <= 0.0:",
+            "if False:",
+            f"{FORMS}::test_numbers_that_no_face_has_are_refused",
+        ),
+        (
+            "a sign of a number puts names of faces together",
+            "mesh/boundary",
+            "(?![^(]*\\\\)) *",
+            " *",
+            f"{FORMS}::test_numbers_may_have_signs_and_any_size",
+        ),
+        (
             "a face is as far as the surface that it is a part of",
             "mesh/forms",
             "gmsh.model.occ.getDistance(0, point, side, tag)[0]",
