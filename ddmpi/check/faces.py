@@ -25,7 +25,7 @@ class Piece:
     Attributes
     ----------
     body, names : its body, and its groups, the smallest first; none where the boundary has no name
-    some : (f,) bool, its facets
+    some : (k,) its facets
     on : the value of ``on``, of a face of a drawing what it is; None where there is no name
     """
 
@@ -49,13 +49,16 @@ def pieces_of(body: str, boundary: Boundary) -> list[Piece]:
         np.ascontiguousarray(bits), axis=0, return_index=True, return_inverse=True
     )
     pieces = []
-    for k, facet in enumerate(first):
+    # facets piece by piece: a mask for each would take pieces × facets of memory
+    order = np.argsort(number.ravel(), kind="stable")
+    starts = np.searchsorted(number.ravel()[order], np.arange(1, len(first)))
+    for facet, some in zip(first, np.split(order, starts), strict=True):
         names = [simple[j] for j in np.flatnonzero(member[:, facet])]
         names.sort(key=lambda name: (size[name], name not in boundary.faces))
         name = names[0] if names else None
         face = boundary.faces.get(name or "")
         on = int(name) if name and NUMBERS.fullmatch(name) else name
-        pieces.append(Piece(body, names, number.ravel() == k, (face and face.words) or on))
+        pieces.append(Piece(body, names, some, (face and face.words) or on))
     return sorted(pieces, key=lambda piece: simple.index(piece.names[0]) if piece.names else -1)
 
 
@@ -71,7 +74,7 @@ def _smooth(boundary: Boundary, some: np.ndarray) -> np.ndarray:
 
 
 def face_of(boundary: Boundary, some: np.ndarray) -> Face:
-    """What facets (f,) bool are of which no drawing says it: plane, or around a centre or an axis."""
+    """What some facets, a mask or numbers, are of which no drawing says it: plane, or around a centre or an axis."""
     at, normal = boundary.at[some], boundary.normal[some]
     points, d = at.reshape(-1, at.shape[-1]), at.shape[-1]
     low, high = points.min(axis=0), points.max(axis=0)
