@@ -56,9 +56,9 @@ def interface(x, sliding: list[int], dropped: int = 0, area=None) -> Interface:
         sparse.identity(m, format="csr"),
         np.column_stack([nodes[:-1], nodes[1:]])[edges > 0.0],
     )
-    places, row = np.append(x, 2 * x[0] - x[min(1, m - 1)])[:, None], np.append(nodes, -1)
+    places, row = np.append(x, 2 * x[0] - x[min(1, m - 1)]), np.append(nodes, -1)
     beside = np.array([[0, m]])[: dropped if m > 1 else 0]
-    xy = np.column_stack([x, np.zeros(m)])
+    xy, ends = (np.column_stack([along, np.zeros(len(along))]) for along in (x, places))
     return Interface(
         name="upper-lower",
         bodies=("upper", "lower"),
@@ -68,7 +68,7 @@ def interface(x, sliding: list[int], dropped: int = 0, area=None) -> Interface:
             area=area,
             at=(xy, xy),
             facets=segments,
-            laplacian=laplacian(places, np.concatenate([segments, beside]), row, m),
+            laplacian=laplacian(ends, np.concatenate([segments, beside]), row, m),
         ),
         rows=Places((nodes, nodes), np.tile([0.0, -1.0], (m, 1)), np.zeros(m), (alone, alone)),
         law=CoulombLaw(m, sliding, 1, np.full(len(sliding), 0.3)),
