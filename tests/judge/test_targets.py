@@ -101,7 +101,8 @@ def test_meshes_of_drawings_follow_the_results():
     assert force.bar <= 1e-3 * force.value and peak.bar <= 1e-3 * peak.value
     assert abs(force.value - 2090.9) < force.bar
     scaled = ddmpi.solve(aiming(dict.fromkeys(PIN, 1e-3), pin_in_lug(1e3), tolerance=1e-8))
-    assert scaled.summary["n"] == pytest.approx(answer.summary["n"], rel=0.02)
+    assert scaled.summary["n"] == pytest.approx(answer.summary["n"], rel=0.05)
+    assert all(scaled.error(one).bar <= 1e-3 * scaled.error(one).value for one in PIN)
 
 
 @pytest.mark.slow
