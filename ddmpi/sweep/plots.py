@@ -108,7 +108,7 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
     ):
         if not (words and name == key) and _crowds([row[name] for row in points]):
             scale("log")
-            axis.set_major_formatter(LogFormatter())
+            axis.set_major_formatter("{x:g}")
             axis.set_minor_formatter(LogFormatter())
     axes.grid(True, which="major", color="#e3e3e3")
     axes.set(xlabel=_label(key, summary), ylabel=_label(result, summary))

@@ -487,6 +487,7 @@ def test_an_axis_on_which_values_crowd(values, scale):
     rows = table(**{"a.young": list(range(1, len(values) + 1))}, n_A=values)
     axes = draw(rows, "n_A", "a.young")
     assert (axes.get_xscale(), axes.get_yscale()) == ("linear", scale)
+    assert scale == "linear" or axes.yaxis.get_major_formatter()(0.1) == "0.1"
 
 
 @pytest.mark.parametrize(
