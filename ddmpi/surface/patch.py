@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import SHARPEST, links
 from ddmpi.surface.side import Side, unit
-from ddmpi.system.numbers import ALIKE, spans, together
+from ddmpi.system.numbers import ALIKE, SAME, spans, together
 
 FEWEST = 5
 """Fewest neighbours of a fit: as many as a quadratic surface through a corner has coefficients."""
@@ -21,6 +21,9 @@ FITS = 3
 DETERMINED = 1e-4
 """A fit leaves out what its neighbours determine less, as an eigenvalue of its normal equations over the largest: at
 corners of grids this is 4e-3 and more, at those of strips 5e-7 and less."""
+
+SLENDER = 8.0
+"""Neighbours that spread further by this factor along one axis than along the other count as if they did not."""
 
 
 class Patch(Side):
@@ -134,24 +137,51 @@ def _fitted(
     row, place = spans(near.indptr[nodes], near.indptr[nodes + 1])
     away, fitted = xy[near.indices[place]] - xy[nodes[row]], normal[nodes]
     for _ in range(FITS):
-        first = unit(np.cross(fitted, np.eye(3)[np.abs(fitted).argmin(axis=1)]))
-        axes = np.stack([first, np.cross(fitted, first), fitted], axis=1)
+        axes, spread = _principal(away, row, fitted)
         a, b, c = np.einsum("pd,pid->ip", away, axes[row])
-        # Coordinates over their root mean square keep the normal equations well conditioned.
-        size = np.sqrt(np.bincount(row, a * a + b * b) / np.bincount(row))[row]
-        a, b, c = a / size, b / size, c / size
-        arc = 1.0 + c * c / (a * a + b * b)  # a section that is an arc has c = κ (ρ² + c²) / 2
-        terms = np.stack([a, b, arc * a * a, arc * a * b, arc * b * b], axis=1)
+        c = c / (1.0 + c * c / (a * a + b * b))  # a section that is an arc has c = κ (ρ² + c²) / 2
+        a, b = a / spread[row, 0], b / spread[row, 1]
+        terms = np.stack([a, b, a * a, a * b, b * b], axis=1)
         squares, right = np.zeros((len(nodes), 5, 5)), np.zeros((len(nodes), 5))
         np.add.at(squares, row, terms[:, :, None] * terms[:, None])
         np.add.at(right, row, terms * c[:, None])
-        # Scaled by terms, whatever the shape of facets; a strip of one facet across determines no b².
-        scale = np.sqrt(np.einsum("nii->ni", squares))
-        squares /= scale[:, :, None] * scale[:, None]
-        inverse = np.linalg.pinv(squares, rcond=DETERMINED, hermitian=True)
-        slopes = np.einsum("nij,nj->ni", inverse, right / scale)[:, :2] / scale[:, :2]
+        slopes = _least_bent(squares, right, spread)[:, :2] / spread
         fitted = unit(
             np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
         )
     normals[nodes] = fitted
     return normals
+
+
+def _principal(
+    away: np.ndarray, row: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Axes (k, 3, 3) of frames with a `normal` (k, 3), the first two along which the neighbours `away` (p, 3) of node `row`
+    (p,) spread least and most, and their root mean squares (k, 2): a fit in them is the same on slender facets."""
+    first = unit(np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)]))
+    plane = np.stack([first, np.cross(normal, first)], axis=1)
+    along = np.einsum("pd,pid->pi", away, plane[row])
+    squares = np.zeros((len(normal), 2, 2))
+    np.add.at(squares, row, along[:, :, None] * along[:, None])
+    values, vectors = np.linalg.eigh(squares / np.bincount(row)[:, None, None])
+    axes = np.concatenate([vectors.transpose(0, 2, 1) @ plane, normal[:, None]], axis=1)
+    return axes, np.sqrt(np.maximum(values, SAME * values[:, 1:]))
+
+
+def _least_bent(squares: np.ndarray, right: np.ndarray, spread: np.ndarray) -> np.ndarray:
+    """The coefficients (k, 5) of the least bent of the surfaces that fit equally well, by normal equations (k, 5, 5) and
+    (k, 5) of a, b, a², ab, b² over `spread` (k, 2): a strip of one facet across does not determine the curvature along it."""
+    scale = np.sqrt(np.einsum("nii->ni", squares))
+    values, vectors = np.linalg.eigh(squares / (scale[:, :, None] * scale[:, None]))
+    known = values > DETERMINED * values[:, -1:]
+    parts = np.einsum("nij,ni->nj", vectors, right / scale) / np.where(known, values, np.inf)
+    fit = np.einsum("nij,nj->ni", vectors, parts)
+    # the root of half the squares of the second derivatives, which does not depend on the axes; along slender facets it
+    # would hardly count
+    a, none = spread[:, 0], np.zeros(len(spread))
+    b = np.minimum(spread[:, 1], SLENDER * a)
+    bent = np.stack([none, none, 1 / a**2, 1 / (np.sqrt(2.0) * a * b), 1 / b**2], axis=1) / scale
+    free = vectors * ~known[:, None]
+    most = bent.max(axis=1)[:, None]
+    back = np.linalg.pinv((bent / most)[:, :, None] * free) @ (bent / most * fit)[:, :, None]
+    return (fit - (free @ back)[..., 0]) / scale

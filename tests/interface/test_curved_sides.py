@@ -171,6 +171,26 @@ def test_normals_of_a_strip_are_those_of_its_cylinder(made, sides):
     assert off[0] < 0.7 * (1.5 / sides) ** 2 and off[0] < 4.0 * off[1]
 
 
+@pytest.mark.parametrize("rows", [1, 2, 8])
+@pytest.mark.parametrize("aspect", [0.05, 1.0, 5.0, 30.0])
+def test_normals_of_a_cylinder_do_not_depend_on_its_axis_and_slender_facets(rows, aspect):
+    """Facets of 7.5 degrees, and of `aspect` arcs along the axis, wherever that points, each row of long ones by half an
+    arc further. They were off by up to 10 degrees."""
+    off = []
+    for axis in ([0.0, 0.0, 1.0], [0.3, -0.5, 0.81], [0.58, 0.57, -0.58]):
+        mesh, turn = solids.grid((1, 12, rows)), np.linalg.svd([axis])[2]
+        radius, angle, z = mesh.points.T * [[0.3], [np.pi / 2.0], [np.pi / 24.0 * aspect * rows]]
+        angle = angle + 0.5 * z / max(aspect, 1.0)
+        points = np.stack(
+            [(0.7 + radius) * np.cos(angle), (0.7 + radius) * np.sin(angle), z], axis=1
+        )
+        turn = turn[[1, 2, 0]] * [[np.linalg.det(turn)], [1.0], [1.0]]
+        wall = side(Mesh(points @ turn, mesh.triangles, mesh.groups), "right")
+        radial = unit((wall.xy[wall.simplices] @ turn.T * [1.0, 1.0, 0.0]).reshape(-1, 3))
+        off.append(np.abs(wall.fans.reshape(-1, 3) @ turn.T - radial).max())
+    assert max(off) < 0.008
+
+
 @pytest.mark.parametrize("rise", [0.0, 0.4])
 def test_areas_of_curved_facets_in_space_are_those_of_the_surface(rise):
     """A top of the height 1 + c x (1 − x), c the rise, has the area ∫ (1 + c² (1 − 2x)²)^½ dx."""

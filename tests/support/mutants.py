@@ -1805,6 +1805,20 @@ MUTANTS = [
             "interface/test_curved_sides.py::test_normals_of_a_strip_are_those_of_its_cylinder",
         ),
         (
+            "curvature along a strip depends on axes",
+            "surface/patch",
+            "return (fit - (free @ back)[..., 0]) / scale",
+            "return fit / scale",
+            "interface/test_curved_sides.py::test_normals_of_a_strip_are_those_of_its_cylinder",
+        ),
+        (
+            "curvature along strips of slender facets hardly counts",
+            "surface/patch",
+            "SLENDER = 8.0",
+            "SLENDER = 1e9",
+            "interface/test_curved_sides.py::test_normals_of_a_cylinder_do_not_depend_on_its_axis_and_slender_facets",
+        ),
+        (
             "sides seen through the slave",
             "surface/cover",
             "seen = ~_hidden(chords, fans, on[piece], middle[piece], distance)",
