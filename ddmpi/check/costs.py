@@ -126,8 +126,10 @@ class Costs:
     def lines(self, scene_path: str) -> Iterator[str]:
         """The costs in words."""
         memory = [bytes_in_words(size) for size in self.memory]
-        each = memory[0] if len(set(memory)) == 1 else ", ".join(memory)
-        yield f"memory of a run: {each}{' on each rank' * (len(self.memory) > 1 and each in memory)}"
+        if len(memory) > 1:
+            alike = len(set(memory)) == 1
+            memory = [f"{memory[0]} on each rank" if alike else f"{', '.join(memory)} by rank"]
+        yield f"memory of a run: {memory[0]}"
         parts = [
             f"{phase} {_seconds(low, high)}"
             for phase, (_, low, high) in self.seconds.items()

@@ -112,7 +112,7 @@ def test_slurm_gets_more_than_is_told():
     costs = Costs([1000.0 * MIB, 500.0 * MIB], seconds, 3e9)
     assert costs.slurm() == "--ntasks=2 --mem=2300M --time=03:02:00"
     assert list(costs.lines("s.toml")) == [
-        "memory of a run: 1000.0 MiB, 500.0 MiB",
+        "memory of a run: 1000.0 MiB, 500.0 MiB by rank",
         "time of a run: about 6e+02 s (3e+02 to 7.2e+03 s): outer 3e+02 to 7.2e+03 s",
         "disk for its results: 2.8 GiB",
         "in a batch: sbatch --ntasks=2 --mem=2300M --time=03:02:00 scripts/slurm/run.sbatch s.toml",
