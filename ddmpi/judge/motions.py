@@ -27,9 +27,20 @@ LARGEST = 300  # skip the search for free motions in larger groups of bodies
 TURN = " can turn "  # in the words for a motion with a moment along it
 
 RESISTED = 3e-4
-"""Resistance below this fraction of that of other motions counts as none. Meshes that do not match resist turning of a
-round part in a round bore by up to 1.5e-4, because their normals are off; the true resistance is zero."""
+"""Resistance below this fraction of how far a motion moves sides past each other counts as none. Meshes that do not match
+resist turning of a round part in a round bore by up to 1.5e-4, because their normals are off; the true resistance is zero.
+A long stack that sways moves its sides by as little as it is resisted."""
 
+COARSE, APART = 1e-2, 30.0
+"""Normals of coarse linear elements in space are off by up to COARSE: motions that are resisted by so little are held as
+well, with a warning, if all others are resisted by APART times as much."""
+
+RIGID = 1e-6
+"""The square of a motion past contacts counts as this fraction of that of the bodies at least: rounding of squares, 1e-8
+of a motion, is then far below `RESISTED` of what it is compared with."""
+
+NONE = 1e-20
+"""Squares below this are rounding: motions move the farthest node of their body by 1."""
 
 CLEAR = 1.01
 """Motions that are resisted by more than so many times a limit are so for any rounding."""
@@ -125,7 +136,10 @@ def describe_motions(
 
 
 def undetermined(
-    G_active: np.ndarray, bodies: Sequence[MotionsOfBody], friction: np.ndarray | None = None
+    G_active: np.ndarray,
+    bodies: Sequence[MotionsOfBody],
+    past: sparse.csr_matrix | None = None,
+    friction: np.ndarray | None = None,
 ) -> list[str]:
     """The rigid motions that no closed contact resists at a solution, one sentence each. Not collective.
 
@@ -136,6 +150,7 @@ def undetermined(
     G_active : (nc, k) columns of G of the forces that resist: normal ones of closed nodes, tangential ones of
         nodes that stick, all of bonded contacts; or others with the same sums of squares; sparse or dense
     bodies : the loose ones, in the order of the rows
+    past : (nc, nc) DᵀD of how far motions move the sides of contacts past each other; none without contacts
     friction : (2, k) G s and |G||s| of the friction s at its limit (N), zero if left out: it resists a motion against
         it, so that the sentence names the other direction
     """
@@ -143,11 +158,13 @@ def undetermined(
     starts, owner = np.cumsum([0, *numbers]), np.repeat(np.arange(len(bodies)), numbers)
     unit = np.concatenate([np.empty(0), *(body.speeds for body in bodies)])
     friction = np.zeros((2, len(owner))) if friction is None else friction
-    G = sparse.csr_matrix(sparse.diags(1.0 / unit) @ sparse.csr_matrix(G_active))
+    per_speed = sparse.diags(1.0 / unit)
+    G = sparse.csr_matrix(per_speed @ sparse.csr_matrix(G_active))
+    D = sparse.csr_matrix((len(owner),) * 2 if past is None else per_speed @ past @ per_speed)
     G.eliminate_zeros()
     touches = sparse.csr_matrix((np.ones(starts[-1]), (owner, np.arange(starts[-1])))) @ abs(G)
     number, island = csgraph.connected_components(touches @ touches.T, directed=False)
-    untouched, unresisted = list[str](), list[str]()
+    untouched, sliding = list[str](), list[str]()
     for members in np.split(
         np.argsort(island, kind="stable"), np.cumsum(np.bincount(island, minlength=number))[:-1]
     ):
@@ -159,36 +176,48 @@ def undetermined(
         ):
             untouched.append(some[0].freely)
         elif len(some) <= LARGEST:
-            G_island = G[rows]
-            for motion in _null_space(G_island[:, np.unique(G_island.indices)].toarray().T):
-                motion = motion / unit[rows]
-                work, most = motion @ friction[0, rows], friction[1, rows] / unit[rows]
-                coefficients = np.split(motion, np.cumsum([numbers[k] for k in members])[:-1])
+            squares = (G[rows] @ G[rows].T).toarray()
+            for motion in told_apart(unresisted(squares, D[rows][:, rows].toarray())[0].T):
                 velocities = np.array(
-                    [body.basis @ of_body for body, of_body in zip(some, coefficients, strict=True)]
+                    [
+                        body.basis @ (motion / unit[rows])[owner[rows] == k]
+                        for k, body in zip(members, some, strict=True)
+                    ]
                 )
-                if not abs(work) > SAME * most.max():  # of both ways the one along the axes
-                    work = forwards(some, velocities)
-                way = describe_motions(some, -velocities if work < 0.0 else velocities, "can")
-                unresisted.append(f"{way} without any force")
-    return untouched + unresisted
+                works, most = friction[:, rows] / unit[rows]
+                way = _free_way(some, velocities, motion @ works, most.max())
+                sliding.append(f"{way} without any force")
+    return untouched + sliding
 
 
-def _null_space(A: np.ndarray) -> np.ndarray:
-    """A basis (q, n) of the null space of A (k, n), each vector with an entry 1 where the others have zeros."""
-    from scipy.linalg import null_space
+def _free_way(
+    bodies: Sequence[MotionsOfBody], velocities: np.ndarray, work: float, most: float
+) -> str:
+    """How bodies can move along `velocities` (nb, n) or against them: as friction pushes, by its `work` along them and
+    what that may be at `most`, else along the axes."""
+    if not abs(work) > SAME * most:
+        work = forwards(bodies, velocities)
+    return describe_motions(bodies, -velocities if work < 0.0 else velocities, "can")
 
-    if not A.shape[1]:
-        return np.empty((0, 0))
-    squares = A.T @ A
-    least = (
-        RESISTED**2 * np.abs(squares).sum(axis=0).max()
-    )  # the sum is no less than the largest eigenvalue
-    if least and is_definite(squares - CLEAR**2 * least * np.eye(len(squares))):
-        return np.empty((0, len(squares)))
-    # R of QR has the null space of A and at most n rows
-    stacked = np.vstack([A, np.zeros((1, A.shape[1]))])
-    return told_apart(null_space(np.linalg.qr(stacked, mode="r"), RESISTED).T)
+
+def unresisted(F: np.ndarray, D: np.ndarray, coarse: bool = False) -> tuple[np.ndarray, bool]:
+    """A basis (j, q), orthonormal columns, of the motions with |F v| ≤ η |D v|, by FᵀF and DᵀD; and whether some are
+    above `RESISTED`, of `coarse` elements alone."""
+    from scipy.linalg import eigh
+
+    sizes = D.diagonal()
+    own = RIGID * np.where(sizes > NONE, sizes, 1.0)
+    D = D + np.diag(own)
+    most = COARSE if coarse else RESISTED
+    if is_definite(F - (CLEAR * most) ** 2 * D):  # all are resisted by more
+        return np.empty((len(F), 0)), False
+    squares, vectors = eigh(F, D)
+    ratios = np.sqrt(np.maximum(squares, 0.0))
+    few, many = (int((ratios <= least).sum()) for least in (RESISTED, COARSE))
+    apart = many == len(ratios) or ratios[many] >= APART * ratios[many - 1]
+    if not coarse or not apart:
+        many = few
+    return np.linalg.qr(vectors[:, :many])[0], many > few
 
 
 def is_definite(A: np.ndarray) -> bool:

@@ -25,6 +25,9 @@ LARGEST = 3000  # most loose bodies for the search for a mechanism, which takes 
 
 _PARTNERS: WeakKeyDictionary[Joint, list[MotionsOfBody]] = WeakKeyDictionary()
 
+Parts = Mapping[str, tuple[int, np.ndarray, np.ndarray]]
+"""By contact the number of forces, the numbers (c,) of motions, and FᵀF or DᵀD of these (c, c)."""
+
 ALONG = 3e-3
 """A motion whose slip is along friction up to this fraction only turns friction that is at its limit: as the body moves
 on, friction becomes parallel to the load, and the resistance vanishes."""
@@ -131,7 +134,7 @@ def _undetermined(
     """
     if not assembly.loose:
         return []
-    of_rank, size = {}, assembly.joint.rigid.size
+    of_rank, by_contact, size = {}, {}, assembly.joint.rigid.size
     for interface, motions, powers in _powers(assembly):
         resisting, slipping = chosen(interface, powers)
         # RᵀR = FᵀF: a triangular matrix stands for all forces F of a contact
@@ -141,7 +144,13 @@ def _undetermined(
             _among_all(R, motions, size),
             _among_all(friction, motions, size),
         )
+    for interface, (one, other), (_, motions, _) in zip(
+        assembly.space.interfaces, sides_moved(assembly), assembly.joint.rigid.blocks, strict=True
+    ):
+        D = (one - other).reshape(interface.xy.size, len(motions))
+        by_contact[interface.name] = len(D), motions, D.T @ D
     of_all, bodies = gathered(assembly.world, of_rank), with_partners(assembly)
+    past = gathered(assembly.world, by_contact)
 
     def describe() -> list[str]:
         none = (
@@ -153,9 +162,53 @@ def _undetermined(
         still = sparse.vstack(
             [sparse.identity(size, format="csr")[stays.bolts], sparse.csr_matrix(stays.held.T)]
         )
-        return undetermined(sparse.vstack([*forces, still]).T, bodies, sum(slipping).toarray())
+        resisting = sparse.vstack([*forces, still]).T
+        return undetermined(resisting, bodies, summed(past, size), sum(slipping).toarray())
 
     return from_first(assembly.world, describe)
+
+
+def sides_moved(assembly: Assembly) -> list[tuple[np.ndarray, np.ndarray]]:
+    """By how much the motions (c,) of each block of `joint.rigid` move both sides of its contact, (m, d, c) each, at its
+    nodes; of the contacts of this rank. Collective over neighbours."""
+    joint, mine = assembly.joint, {}
+    for body in assembly.bodies:
+        member, frame = body.member, assembly.frames.get(body.spec.name)
+        motions = member.motions
+        if frame:  # of a body that moves far, in whose axes they are
+            motions = np.einsum("ij,njk->nik", frame.turned, motions)
+        for interface in member.interfaces:
+            for side in interface.sides(body.spec.name):
+                mine[interface.name, side] = interface.rows.moved(side, motions)
+    both, found = assembly.exchange.swap_objects(mine), []
+    for interface in assembly.space.interfaces:
+        first, second = both[interface.name]
+        seconds = [] if second is None else [second]
+        # in the order of the columns of a block of `joint.rigid`
+        seconds += [
+            partner.motions(interface.places)
+            for partner in joint.driven
+            if partner.acts_on(interface)
+        ]
+        # a body that has both sides moves both by the same motions
+        firsts = [] if interface.itself else [0.0 * first]
+        other = np.concatenate([*firsts, *seconds], axis=2)
+        one = np.zeros_like(other)
+        one[:, :, : first.shape[2]] = first
+        found.append((one, other))
+    return found
+
+
+def summed(parts: Parts, size: int) -> sparse.csr_matrix:
+    """The sum (size, size) of the blocks of all contacts."""
+    rows, columns, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
+    for _, numbers, block in parts.values():
+        rows.append(np.repeat(numbers, len(numbers)))
+        columns.append(np.tile(numbers, len(numbers)))
+        values.append(block.ravel())
+    return sparse.csr_matrix(
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (size, size)
+    )
 
 
 def _among_all(x: np.ndarray, motions: np.ndarray, size: int) -> sparse.csr_matrix:

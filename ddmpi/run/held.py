@@ -18,49 +18,37 @@ load would be thousands of times as large as the load.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.linalg import eigh
 from scipy.sparse import csgraph
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.judge.equilibrium import IMBALANCE, Mechanism
 from ddmpi.judge.motions import (
-    CLEAR,
+    COARSE,
     LARGEST,
     RESISTED,
     TURN,
     MotionsOfBody,
     describe_motions,
     forwards,
-    is_definite,
     told_apart,
+    unresisted,
 )
 from ddmpi.methods.outer import Outer
-from ddmpi.run.equilibrium import loads_of_loose, with_partners
+from ddmpi.run.equilibrium import Parts, loads_of_loose, sides_moved, summed, with_partners
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import from_first, gathered
-
-COARSE, APART = 1e-2, 30.0
-"""Normals of coarse linear elements in space are off by up to COARSE: motions that are resisted by so little are held as
-well, with a warning, if all others are resisted by APART times as much."""
 
 WORST = 3.0
 """Where few nodes bear, the normals of coarse elements are off there by up to this times the mean error COARSE."""
 
 FAINT = 3e-2
 """No motion is held in a group of bodies that resists all motions by more than this, over the root of its forces."""
-
-RIGID = 1e-6
-"""The square of a motion past contacts counts as this fraction of that of the bodies at least: rounding of squares, 1e-8
-of a motion, is then far below `RESISTED` of what it is compared with."""
-
-NONE = 1e-20
-"""Squares below this are rounding: motions move the farthest node of their body by 1."""
 
 LEVERS = 2e-2
 """Most errors of lever arms of loads, over the size of a body, and of the turn that they drive."""
@@ -72,10 +60,6 @@ WITHOUT = " without any force"  # ends the words for a motion that nothing resis
 
 FOLLOWS = 1e-6
 """Loads that change by more than this fraction of the most as frames move determine a motion."""
-
-
-Parts = Mapping[str, tuple[int, np.ndarray, np.ndarray]]
-"""By contact the number of forces, the numbers (c,) of motions, and FᵀF or DᵀD of these (c, c)."""
 
 
 class HeldMotion(NamedTuple):
@@ -173,14 +157,14 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
     by_sides = gathered(world, own)
 
     def choose() -> tuple[np.ndarray, ...]:
-        summed = [_summed(parts, size) for parts in (by_sides, resisting, moving)]
+        sums = [summed(parts, size) for parts in (by_sides, resisting, moving)]
         groups = islands(resisting, size, joint.stays.bolts, FAINT)
-        basis, level = _chosen(groups, summed, joint.K, coarse)
+        basis, level = _chosen(groups, sums, joint.K, coarse)
         turns = [
             turning(bodies, [body.basis @ v[joint.slices[body.name]] for body in bodies])
             for v in basis.T
         ]
-        own, _, past = ((basis * (matrix @ basis)).sum(axis=0) for matrix in summed)
+        own, _, past = ((basis * (matrix @ basis)).sum(axis=0) for matrix in sums)
         resisted = turns * np.sqrt(np.maximum(own, 0.0) / np.where(past > 0.0, past, 1.0))
         errors = np.maximum(np.where(level, WORST * COARSE, RESISTED), resisted)
         return basis, level, np.array(turns, bool), errors
@@ -193,17 +177,17 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
 
 def _chosen(
     groups: Sequence[np.ndarray],
-    summed: Sequence[sparse.csr_matrix],
+    sums: Sequence[sparse.csr_matrix],
     K: sparse.csr_matrix,
     coarse: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """`Held.basis` and `Held.coarse` of groups of motions, by the `summed` FᵀF of sides and of pairs, and DᵀD; and by
+    """`Held.basis` and `Held.coarse` of groups of motions, by the `sums` FᵀF of sides and of pairs, and DᵀD; and by
     how loads change, K."""
     chosen, levels = [np.zeros((K.shape[0], 0))], [np.zeros(0, bool)]
     for members in groups:
-        own, F, D = (matrix[members][:, members].toarray() for matrix in summed)
-        vectors, level = _unresisted(own, D, coarse)
-        by_pairs, rough = _unresisted(F, D, coarse)
+        own, F, D = (matrix[members][:, members].toarray() for matrix in sums)
+        vectors, level = unresisted(own, D, coarse)
+        by_pairs, rough = unresisted(F, D, coarse)
         # what is nearly the same turn, but about another axis, is none beside it
         beside, sizes, _ = np.linalg.svd(by_pairs - vectors @ (vectors.T @ by_pairs))
         beside = beside[:, : len(sizes)][:, sizes > BESIDE]
@@ -236,30 +220,10 @@ def _passing(
     assembly: Assembly, forces: Sequence[tuple[str, np.ndarray, np.ndarray]]
 ) -> list[Passing]:
     """Of each contact of this rank, with its `forces`. Collective over neighbours."""
-    joint, mine = assembly.joint, {}
-    for body in assembly.bodies:
-        member, frame = body.member, assembly.frames.get(body.spec.name)
-        motions = member.motions
-        if frame:  # of a body that moves far, in whose axes they are
-            motions = np.einsum("ij,njk->nik", frame.turned, motions)
-        for interface in member.interfaces:
-            for side in interface.sides(body.spec.name):
-                mine[interface.name, side] = interface.rows.moved(side, motions)
-    both, found = assembly.exchange.swap_objects(mine), []
-    for interface, (_, _, F) in zip(assembly.space.interfaces, forces, strict=True):
-        first, second = both[interface.name]
-        seconds = [] if second is None else [second]
-        # in the order of the columns of a block of `joint.rigid`
-        seconds += [
-            partner.motions(interface.places)
-            for partner in joint.driven
-            if partner.acts_on(interface)
-        ]
-        # a body that has both sides moves both by the same motions
-        firsts = [] if interface.itself else [0.0 * first]
-        other = np.concatenate([*firsts, *seconds], axis=2)
-        one = np.zeros_like(other)
-        one[:, :, : first.shape[2]] = first
+    found = []
+    for interface, (_, _, F), (one, other) in zip(
+        assembly.space.interfaces, forces, sides_moved(assembly), strict=True
+    ):
         leans = np.einsum("smt,mtd->smd", interface.geometry.tilt, interface.tangents)
         own = np.einsum("md,mdc->mc", leans[0], one) - np.einsum("md,mdc->mc", leans[1], other)
         leans_apart = len(F) == interface.m and not interface.idle
@@ -267,22 +231,10 @@ def _passing(
     return found
 
 
-def _summed(parts: Parts, size: int) -> sparse.csr_matrix:
-    """The sum (size, size) of the blocks of all contacts."""
-    rows, columns, values = [np.zeros(0, int)], [np.zeros(0, int)], [np.zeros(0)]
-    for _, numbers, block in parts.values():
-        rows.append(np.repeat(numbers, len(numbers)))
-        columns.append(np.tile(numbers, len(numbers)))
-        values.append(block.ravel())
-    return sparse.csr_matrix(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), (size, size)
-    )
-
-
 def islands(resisting: Parts, size: int, kept: np.ndarray, least: float) -> list[np.ndarray]:
     """The numbers of the motions of each group of bodies that touch in which a motion is resisted by less than `least`
     of the root of the number of forces. Groups of more than `LARGEST` bodies are left out."""
-    F, number = _summed(resisting, size), np.zeros(size)
+    F, number = summed(resisting, size), np.zeros(size)
     for count, numbers, _ in resisting.values():
         number[numbers] += count
     _, island = csgraph.connected_components(F, directed=False)
@@ -295,24 +247,6 @@ def islands(resisting: Parts, size: int, kept: np.ndarray, least: float) -> list
         if smallest <= least**2 * number[members].max():
             found.append(members)
     return found
-
-
-def _unresisted(F: np.ndarray, D: np.ndarray, coarse: bool) -> tuple[np.ndarray, bool]:
-    """A basis (j, q), orthonormal columns, of the motions with |F v| ≤ η |D v|, by FᵀF and DᵀD; and whether some are
-    above `RESISTED`, of `coarse` elements alone."""
-    sizes = D.diagonal()
-    own = RIGID * np.where(sizes > NONE, sizes, 1.0)
-    D = D + np.diag(own)
-    most = COARSE if coarse else RESISTED
-    if is_definite(F - (CLEAR * most) ** 2 * D):  # all are resisted by more
-        return np.empty((len(F), 0)), False
-    squares, vectors = eigh(F, D)
-    ratios = np.sqrt(np.maximum(squares, 0.0))
-    few, many = (int((ratios <= least).sum()) for least in (RESISTED, COARSE))
-    apart = many == len(ratios) or ratios[many] >= APART * ratios[many - 1]
-    if not coarse or not apart:
-        many = few
-    return np.linalg.qr(vectors[:, :many])[0], many > few
 
 
 def _dead(vectors: np.ndarray, K: np.ndarray) -> np.ndarray:

@@ -380,7 +380,7 @@ def test_random_stacks(seed):
 
 
 def active(scene, *kinds):
-    """Columns of G of the contacts' normal, tangential or all forces, by contact."""
+    """Columns of G of the contacts' normal, tangential or all forces, by contact; the bodies, and DᵀD."""
     interfaces, G, _, bodies = scene.equilibrium()
     columns, start = [], 0
     for interface, kind in zip(interfaces, kinds, strict=True):
@@ -390,7 +390,7 @@ def active(scene, *kinds):
             "stick": range(start, start + interface.size),
         }[kind]
         start += interface.size
-    return G[:, columns], bodies
+    return G[:, columns], bodies, scene.past()
 
 
 def test_undetermined_motions():
@@ -454,6 +454,21 @@ def test_undetermined_motions_of_several_bodies(scale):
     assert undetermined(*active(scene, "stick", "slip", "stick")) == [f"b1 and b2 {along}"]
     assert len(undetermined(*active(scene, "slip", "slip", "slip"))) == 3
     assert undetermined(*active(scene, "stick", "open", "slip")) != []
+
+
+@pytest.mark.parametrize("slips", [None, 30])
+def test_a_long_stack_that_sways_is_resisted(slips):
+    """By 2e-5 of its resistance to other motions, and by as much as it moves its joints; a joint that slips is seen
+    beside that."""
+    scene, height = Blocks(), 60
+    for k in range(height):
+        scene.box(f"b{k}", 0, k, 0.1, 1)
+        scene.contact(
+            f"b{k}", f"b{k - 1}" if k else "floor", (0, k), (0.1, k), "coulomb", 0.5, nodes=3
+        )
+    said = undetermined(*active(scene, *("slip" if k == slips else "stick" for k in range(height))))
+    above = f"b30, b31 (and {height - 32} more) can move along x without any force"
+    assert said == ([] if slips is None else [above])
 
 
 # In space

@@ -12,6 +12,7 @@ from scenes import certified, rectangle, seldom
 
 import ddmpi
 from ddmpi.body.rigid_motions import Centring
+from ddmpi.judge.motions import unresisted
 from ddmpi.run import held, solve
 from ddmpi.run.least import nearest
 from ddmpi.run.solve import Iteration
@@ -218,7 +219,7 @@ def test_coarse_elements_let_hold_what_is_resisted_far_less_than_the_rest():
     of_sides = np.eye(3)
 
     def found(second: float, coarse: bool) -> tuple[np.ndarray, bool]:
-        return held._unresisted(np.diag([1.0, 1e-3, second]) ** 2, of_sides, coarse)
+        return unresisted(np.diag([1.0, 1e-3, second]) ** 2, of_sides, coarse)
 
     vectors, level = found(0.5, True)
     assert np.abs(vectors[:, 0]) == pytest.approx([0.0, 1.0, 0.0], abs=1e-9)

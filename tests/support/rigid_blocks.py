@@ -113,6 +113,17 @@ class Blocks:
             axis=2,
         )[:, :, free]
 
+    def past(self):
+        """DᵀD of how far motions move the sides of contacts past each other."""
+        moved = []
+        for contact in self.contacts:
+            signs = dict(zip(contact.bodies, (1.0, -1.0), strict=True))
+            parts = [signs.get(name, 0.0) * self.motions(name, contact.xy) for name in self.bodies]
+            D = np.concatenate(parts, axis=2)
+            moved.append(D.reshape(-1, D.shape[2]))
+        D = np.vstack(moved)
+        return sparse.csr_matrix(D.T @ D)
+
     def equilibrium(self):
         """interfaces, G, e, bodies."""
         sizes = [len(free) for _, _, free in self.bodies.values()]
