@@ -207,7 +207,7 @@ def test_without_matplotlib_there_is_the_page(tmp_path):
         1,
         folder=tmp_path / "out",
     )
-    assert run.code == 0 and run.files == {"check.html"}, run.output
+    assert run.code == 0 and run.files == {"check.html", "costs.json"}, run.output
     assert "no pictures: matplotlib is not installed" in run.output
 
 
