@@ -20,6 +20,8 @@ def refuse_reaching(path: str, data: dict) -> str:
     """
     method, options, output = data.get("method"), data.get("petsc"), data.get("output")
     cache = output.get("cache") if isinstance(output, dict) else None
+    if isinstance(cache, str) and not cache.isprintable():
+        raise InputError(f"{path}: output.cache: {cache!r} has control characters")
     if isinstance(cache, str) and (Path(cache).is_absolute() or ".." in Path(cache).parts):
         raise InputError(
             f"{path}: output.cache: a scene may name a folder beside its results alone, without ..; for the folder "

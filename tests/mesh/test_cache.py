@@ -1,5 +1,6 @@
 """Meshes of drawings that are kept: what they depend on, and that nothing of others is believed."""
 
+import json
 import os
 from functools import partial
 from pathlib import Path
@@ -143,8 +144,12 @@ def test_meshes_of_another_account_are_not_believed(kept, tmp_path, monkeypatch)
     for entry in (tmp_path / FOLDER).iterdir():
         entry.write_bytes(theirs)
     assert kept()[1] and not kept()[1]
-    monkeypatch.setenv("XDG_CACHE_HOME", "/proc/nowhere")  # no key, so none is kept
-    assert kept()[1] and kept()[1]
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "odd" / "ddmpi").mkdir(parents=True)
+    (tmp_path / "odd" / "ddmpi" / "key").symlink_to(tmp_path / "pipe")
+    for home in "/proc/nowhere", str(tmp_path / "odd"):  # no key, so none is kept
+        monkeypatch.setenv("XDG_CACHE_HOME", home)
+        assert kept()[1] and kept()[1]
     assert (tmp_path / "home" / "ddmpi" / "key").stat().st_mode & 0o077 == 0
 
 
@@ -170,6 +175,14 @@ def test_a_scene_names_no_folder_elsewhere(cache):
         read_data("scene.toml", scene)
     assert read_data("scene.toml", "", [f"output.cache={cache}"])["output"] == {"cache": cache}
     assert read_data("scene.toml", '[output]\ncache = "a/b"\n')["output"] == {"cache": "a/b"}
+
+
+@pytest.mark.parametrize("cache", ["a\x00b", "a\x1b[31m"])
+def test_control_characters_name_no_folder(cache):
+    """A zero would end the program, and others would be told to a terminal."""
+    scene = f"[output]\ncache = {json.dumps(cache)}\n"
+    with pytest.raises(InputError, match=r"output\.cache: 'a\\x.*' has control characters"):
+        read_data("scene.toml", scene)
 
 
 def test_a_folder_that_cannot_be_written_is_told(kept, tmp_path, capfd):

@@ -3880,6 +3880,13 @@ MUTANTS = [
             "mesh/test_cache.py::test_a_damaged_mesh_is_told_and_made_again",
         ),
         (
+            "a folder of meshes has any characters",
+            "scene/petsc",
+            "not cache.isprintable()",
+            "False",
+            "mesh/test_cache.py::test_control_characters_name_no_folder",
+        ),
+        (
             "a kept mesh does not depend on what the drawing includes",
             "mesh/cache",
             "sorted(folder.glob('*'))}",
