@@ -1,10 +1,12 @@
 """Make lined_wheel.msh: a wheel with a bore, whose core and tyre are physical surfaces, finer where it will touch.
 
-    python meshes/lined_wheel.py
+    python meshes/lined_wheel.py [FILE ORDER HALVINGS]
 
-Lengths in millimetres. Groups: bore, tread; surfaces: core, tyre; points on the axis of symmetry: crown, hub.
+writes it, or another FILE of elements of this order, halved so many times, whose nodes stay on the circles. Lengths in
+millimetres. Groups: bore, tread; surfaces: core, tyre; points on the axis of symmetry: crown, hub.
 """
 
+import sys
 from pathlib import Path
 
 import gmsh
@@ -37,5 +39,9 @@ for name in ("bore", "tread"):
 for name, point in (("crown", tops["tread"]), ("hub", tops["bore"])):
     gmsh.model.addPhysicalGroup(0, [point], name=name)
 gmsh.model.mesh.generate(2)
-gmsh.write(str(Path(__file__).parent / "lined_wheel.msh"))
+file, order, halvings = sys.argv[1:] or (Path(__file__).parent / "lined_wheel.msh", 1, 0)
+for _ in range(int(halvings)):
+    gmsh.model.mesh.refine()
+gmsh.model.mesh.setOrder(int(order))
+gmsh.write(str(file))
 gmsh.finalize()

@@ -8,7 +8,7 @@ import numpy as np
 
 from ddmpi.body.estimate import nodal_stress
 from ddmpi.body.loads import values_at
-from ddmpi.body.stress import stress, thickness_of, von_mises
+from ddmpi.body.stress import Composite, stress, thickness_of, von_mises
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.derive.adjoint import Adjoint, VagueError, displaced, solve_adjoint
 from ddmpi.derive.chain import Answered
@@ -22,6 +22,8 @@ from ddmpi.judge.bars import (
     Dual,
     Measured,
     arcs_of,
+    corner_of_pressure,
+    corners_of,
     ends_of_contact,
     kink_of_pressure,
     kink_of_stress,
@@ -30,6 +32,7 @@ from ddmpi.judge.bars import (
 )
 from ddmpi.methods.linear import Linearisation
 from ddmpi.methods.newton import Newton
+from ddmpi.scene.bodies import Material
 from ddmpi.scene.results import Named, named
 from ddmpi.system.agreement import agreed
 from ddmpi.system.numbers import norm
@@ -113,13 +116,17 @@ def _together(
         for row, adjoint in zip(own, adjoints.values(), strict=True)
     ]
     areas = _areas(assembly) if any(one.what == "pressure_mean" for one in some.values()) else {}
-    mine = [(*_kink(assembly, answer, one), _area_lost(areas, one)) for one in some.values()]
+    sharp = _corners(assembly, some)
+    mine = [
+        (*_largest(assembly, answer, sharp, one), _area_lost(areas, one)) for one in some.values()
+    ]
     totals = assembly.world.allreduce(np.array(sums))
     largest = np.array(assembly.world.allgather(mine)).max(axis=0)
     for result, row, here, of_cells in zip(adjoints, totals, largest, cells, strict=True):
-        kink, peak, area = here.tolist()
+        kink, peak, corner, area = here.tolist()
         known = dict(zip(SUMS, row.tolist(), strict=True))
-        found[result] = Measured(**known, kink=kink, peak=peak, area=area, cells=of_cells)
+        known |= {"kink": kink, "peak": peak, "corner": corner, "area": area}
+        found[result] = Measured(**known, cells=of_cells)
     return {result: found[result] for result in wanted}
 
 
@@ -147,7 +154,7 @@ def _of_bodies(
                 body.material,
                 (answer.displacements[name], body.member.elasticity.acting.heated),
                 [_dual(one, name, duals[result][name]) for result, one in wanted.items()],
-                straight_sides(body.mesh, thickness_of(body.mesh, body.spec)),
+                straight_sides(body.mesh, thickness_of(body.mesh, body.spec), _parts(body)),
                 forces[name],
                 body.member.elasticity.acting.f,
             )
@@ -212,21 +219,61 @@ def _area_lost(areas: Mapping[str, float], result: Named) -> float:
     return areas.get(result.name, 0.0) if result.what == "pressure_mean" else 0.0
 
 
-def _kink(assembly: Assembly, answer: Answered, result: Named) -> tuple[float, float]:
-    """How far a largest value differs from those beside it, over itself; zero for others and on other ranks."""
+def _parts(body: Body) -> int:
+    """How many parts halvings have made of each side of a body's mesh."""
+    return 2**body.spec.mesh.halvings
+
+
+def _corners(assembly: Assembly, wanted: Mapping[str, Named]) -> dict[str, list[np.ndarray]]:
+    """By contact of this rank, of both bodies: (k, d + 2) the nodes of the side (m), `corners_of` them, and the plane
+    modulus of a cell there (Pa); none where no largest pressure is wanted. Collective."""
+    mine = dict[tuple[str, int], np.ndarray | None]()
+    if not any(one.what == "pressure_max" for one in wanted.values()):
+        return {}
+    for body in assembly.bodies:
+        mesh, (facets, beside) = body.mesh, body.mesh.boundary
+        moduli = np.zeros(len(mesh.points))
+        moduli[facets] = _moduli(body.material, beside)[:, None]
+        table = np.column_stack([mesh.points, corners_of(mesh, _parts(body)), moduli])
+        for contact in assembly.scene.contact:
+            for side, name in enumerate(contact.bodies):
+                if name == body.spec.name:
+                    nodes = np.unique(mesh.facets(contact.on[side]).nodes)
+                    mine[contact.name, side] = table[nodes]
+    both, found = assembly.exchange.swap_objects(mine), {}
+    for met in assembly.space.interfaces:
+        found[met.name] = [one for one in both[met.name] if one is not None]
+        if met.image:
+            seen, d = found[met.name][1], met.dimension
+            found[met.name][1] = np.column_stack([met.image.at(seen[:, :d]), seen[:, d:]])
+    return found
+
+
+def _moduli(material: Material | Composite, cells: np.ndarray) -> np.ndarray:
+    """(k,) the plane moduli of some cells (Pa)."""
+    if isinstance(material, Material):
+        return np.full(len(cells), material.plane_modulus)
+    return np.array([one.plane_modulus for one in material.materials])[material.number[cells]]
+
+
+def _largest(
+    assembly: Assembly, answer: Answered, sharp: Mapping[str, list[np.ndarray]], result: Named
+) -> tuple[float, float, float]:
+    """How far a largest value differs from those beside it, over itself, and by how much `sharp` corners raise it; zero for
+    others and on other ranks."""
     state = answer.states.get(result.name)
     if result.what == "pressure_max" and state:
-        return kink_of_pressure(state), 0.0
+        return kink_of_pressure(state), 0.0, corner_of_pressure(state, sharp[result.name])
     if result.what == "dissipated" and state and len(state.interface.sliding):
         few = state.count("slip") < RUBS and not state.interface.law.two_sided
-        return 2.0 * few, 0.0
+        return 2.0 * few, 0.0, 0.0
     for body in assembly.bodies:
         if result.what == "von_mises_max" and body.spec.name == result.name:
             u, heat = answer.displacements[result.name], body.member.elasticity.acting.heated
             cells = von_mises(stress(body.mesh, body.material, u, heat))
             nodes = von_mises(nodal_stress(body.mesh, body.material, u, heat))
-            return kink_of_stress(body.mesh, cells, nodes)
-    return 0.0, 0.0
+            return *kink_of_stress(body.mesh, cells, nodes), 0.0
+    return 0.0, 0.0, 0.0
 
 
 def shares(assembly: Assembly, measured: Mapping[str, Measured]) -> dict[str, np.ndarray]:

@@ -12,7 +12,8 @@ Both are recovered from where they are smooth.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import functools
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -137,6 +138,7 @@ class Measured:
     moved, rubbed, left, rounded, terms : as of `ends_of_contact`
     area : of a mean pressure, by how much the area differs from that of the smaller side, over itself
     kink, peak : of a largest value, as of `kink_of_pressure` and `kink_of_stress`
+    corner : by how much the corners of halved straight sides raise a largest value, as of `corners_of`
     word : why there is no bar; empty if there is one
     cells : by body of this rank η_K (nt,)
     """
@@ -155,6 +157,7 @@ class Measured:
     area: float = 0.0
     kink: float = 0.0
     peak: float = 0.0
+    corner: float = 0.0
     word: str = ""
     cells: Mapping[str, np.ndarray] = field(default_factory=dict)
 
@@ -176,13 +179,15 @@ class Straight(NamedTuple):
     ----------
     volume : (f,) by which it stands out over the facets, negative where it is hollow (m³; in the plane per metre of
         depth; around an axis of the whole circumference)
-    bent : (nv,) squares of the angle by which it turns from node to node
+    bent : (nv,) squares of the angle by which it turns along a side
     rims : (nv,) in space, the angle by which a smooth edge of the boundary turns at a node, as the rim of a flat end
+    turn : (nv,) this angle, of the sides at a node the largest, negative where the boundary is hollow
     """
 
     volume: np.ndarray
     bent: np.ndarray
     rims: np.ndarray
+    turn: np.ndarray
 
 
 class Parts(NamedTuple):
@@ -348,7 +353,7 @@ def kink_of_pressure(state: ContactState) -> float:
 def arcs_of(mesh: Mesh, group: str) -> float:
     """The length or area of a boundary group with the arcs over straight sides. Not collective."""
     facets = mesh.facets(group).nodes
-    bent = mesh.once(_straight_sides).bent
+    bent = mesh.once(_sides_with(1)).bent
     arc = 1.0 + bent[facets].mean(axis=1) / 24.0
     return float(facet_measures(mesh.points[facets], mesh.axisymmetric) @ arc)
 
@@ -405,7 +410,7 @@ def sums_of(result: Named, known: Measured, value: float) -> tuple[float, float,
     """What of a bar has the factor of the order, how large that is at least, and what is added."""
     jumps = result.what in RESULTANTS and known.delta > JUMP
     ends = known.moved + known.rubbed + known.left + known.rounded + 2.0 * abs(known.straight)
-    peaks = (BEYOND * known.peak + known.area) * abs(value)
+    peaks = (BEYOND * known.peak + known.area) * abs(value) + known.corner
     return abs(known.signed) + known.stars, SHARE * known.schwarz * jumps, ends + peaks
 
 
@@ -444,14 +449,50 @@ def _instead(known: Measured, facts: Facts, rough: float, given: bool, partial: 
     return next((word for word, holds in reasons.items() if holds), "")
 
 
-def straight_sides(mesh: Mesh, thickness: np.ndarray) -> Straight:
+def straight_sides(mesh: Mesh, thickness: np.ndarray, parts: int = 1) -> Straight:
     """What straight sides leave out of the smooth boundary of a mesh with cells of this thickness (nt,), in metres, 1 but
-    in plane stress. Found once for a mesh. Not collective."""
-    sides = mesh.once(_straight_sides)
+    in plane stress, where halvings have left so many `parts` of each side on a line. Found once for a mesh. Not
+    collective."""
+    sides = mesh.once(_sides_with(parts))
     return sides._replace(volume=sides.volume * thickness[mesh.boundary[1]])
 
 
-def _straight_sides(mesh: Mesh) -> Straight:
+def corners_of(mesh: Mesh, parts: int) -> np.ndarray:
+    """(nv,) θ ln k on straight sides of so many `parts` k, for the angle θ from one to the next one, negative where the
+    boundary is hollow. Not collective.
+
+    A pressure grows by E* θ/2π ln 1/r to the corner of a polygon (Johnson, Contact Mechanics, 1985, section 5.2), and r is
+    not less than a part of its side.
+    """
+    return np.log(parts) * mesh.once(_sides_with(parts)).turn
+
+
+def corner_of_pressure(state: ContactState, sides: Sequence[np.ndarray]) -> float:
+    """By how much corners of halved straight sides raise the largest pressure (Pa). Not collective.
+
+    Parameters
+    ----------
+    sides : (k, d + 2) of the contact's bodies, each its nodes (m), `corners_of` them, and plane moduli there (Pa)
+    """
+    interface, pressure = state.interface, np.nan_to_num(state.pressure)
+    if not interface.m or interface.law.name == "bonded":
+        return 0.0
+    place, d = interface.xy[pressure.argmax()], interface.dimension
+    near = [side[np.linalg.norm(side[:, :d] - place, axis=1).argmin()] for side in sides]
+    angles, moduli = np.abs([one[d] for one in near]), [one[d + 1] for one in near]
+    # where nodes match the corners of a hollow side go round those of the other one
+    together = abs(sum(one[d] for one in near))
+    angle = angles.max() if interface.slave else together
+    return float(angle / (2.0 * np.pi * sum(1.0 / modulus for modulus in moduli)))
+
+
+@functools.cache
+def _sides_with(parts: int) -> Callable[[Mesh], Straight]:
+    """`_straight_sides` for so many `parts`."""
+    return functools.partial(_straight_sides, parts=parts)
+
+
+def _straight_sides(mesh: Mesh, parts: int) -> Straight:
     """What straight sides leave out, of the thickness 1.
 
     Boundaries that turn by less than SHARPEST from facet to facet are taken as smooth. A surface with the curvature κ
@@ -471,13 +512,32 @@ def _straight_sides(mesh: Mesh) -> Straight:
     # a corner leaves the turn at its facet's other ends to count for it
     c, own = corners.shape[1], mesh.cell.facet.shape.factors[0]
     turn = c * turns.sum(axis=1) / np.maximum(smooth[corners].sum(axis=1), 1)
+    squares = (arms**2).sum(axis=(1, 2))
+    # of halved sides the facets at corners turn alone: the curvature is spread over the side, and then that of its length
+    turn = parts * squares * _spread(turn / squares, corners, smooth, parts**2 // 2)
     turn[curved_facets(mesh.points[facets])] = 0.0
     measures = facet_measures(mesh.points[facets], mesh.axisymmetric)
-    bent = np.zeros(len(mesh.points))
-    np.maximum.at(bent, corners, (2.0 / (d - 1) * turn**2 / (arms**2).sum(axis=(1, 2)))[:, None])
+    angle = turn * np.sqrt(2.0 / (d - 1) / squares)
+    angles, last = np.zeros(len(mesh.points)), np.argsort(np.abs(angle), kind="stable")
+    angles[facets[last]] = angle[last, None]  # the largest ones stay
     # the mean of |x|² over a facet is 1/(c (f + 2)) of its sum over the c corners, where its factors are of dimension f
     out = 0.5 * turn * (own + 1) / (own + 2) / c
-    return Straight(measures * out, bent, _rims(mesh, bends))
+    rims = parts**2 * _rims(mesh, bends)
+    return Straight(parts * measures * out, angles**2, rims, angles)
+
+
+def _spread(values: np.ndarray, corners: np.ndarray, smooth: np.ndarray, passes: int) -> np.ndarray:
+    """Values (f,) of facets with these `corners` (f, c) as means over those around, by so many `passes` over the `smooth`
+    (nv,) nodes."""
+    number, c = len(smooth), corners.shape[1]
+    count = np.maximum(np.bincount(corners.ravel(), minlength=number), 1)
+    weights = smooth[corners]
+    some = weights.any(axis=1)
+    for _ in range(passes):
+        nodal = np.bincount(corners.ravel(), np.repeat(values, c), number) / count
+        means = (nodal[corners] * weights).sum(axis=1) / np.maximum(weights.sum(axis=1), 1)
+        values = np.where(some, means, values)
+    return values
 
 
 def _rims(mesh: Mesh, bends: Creases) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Errors of results: their adjoints against two runs, their sums against identities and closed forms, and the rule."""
 
+import tomllib
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 from bricks import grid
-from scenes import COULOMB
+from scenes import COULOMB, ROOT
 
 import ddmpi
 from ddmpi.body.loads import nodal_loads
@@ -33,12 +34,15 @@ from ddmpi.judge.bars import (
     Facts,
     Measured,
     bar_of,
+    corner_of_pressure,
+    corners_of,
     ends_of_contact,
     kink_of_pressure,
     kink_of_stress,
     straight_sides,
 )
 from ddmpi.mesh.build import build_mesh
+from ddmpi.mesh.refine import halve, raise_order
 from ddmpi.results.summary import value_of
 from ddmpi.scene.reader import read_scene
 from ddmpi.scene.results import named
@@ -295,6 +299,37 @@ def test_straight_sides_around_an_axis_leave_out_rings():
     assert left == pytest.approx(shell - mesh.measures().sum(), rel=0.05)
 
 
+@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("halvings", [0, 1, 2])
+def test_halved_straight_sides_leave_out_as_much_as_before(order, halvings):
+    """Halvings leave new nodes on the sides of the polygon, whose area stays as it is, and the angle of its corners."""
+    mesh = build_mesh(read_scene("ring", {"body": [ring()]}).body[0])
+    for _ in range(halvings):
+        mesh = halve(mesh, "mesh")
+    mesh, parts = raise_order(mesh, "mesh", order), 2**halvings
+    left = straight_sides(mesh, np.ones(len(mesh.triangles)), parts)
+    assert left.volume.sum() == pytest.approx(np.pi * 0.75 - mesh.measures().sum(), rel=0.02)
+    theta, outer = 2.0 * np.pi / 24, mesh.facets("outer").nodes
+    assert left.bent[outer] == pytest.approx(theta**2, rel=0.04)
+    sharp = theta * np.log(parts)
+    assert corners_of(mesh, parts)[outer] == pytest.approx(sharp, rel=0.02)
+    inner = corners_of(mesh, parts)[mesh.facets("inner").nodes]
+    assert inner == pytest.approx(-sharp, rel=0.02)
+
+
+@pytest.mark.parametrize(("order", "halvings"), [(1, 0), (2, 0), (1, 1), (2, 1)])
+def test_a_pressure_on_the_straight_sides_of_a_file_is_told(order, halvings):
+    """That in the bore of the lined wheel, 12 N/mm times sin φ, presses by 6 π N on a round bore, on any mesh of its
+    polygon by 1.6 % less."""
+    scene = tomllib.loads((ROOT / "configs" / "lined_wheel.toml").read_text(encoding="utf-8"))
+    file = str(ROOT / "meshes" / "lined_wheel.msh")
+    scene["body"][0]["mesh"] = {"file": file, "order": order, "refine": halvings}
+    result = "contacts.wheel-ground.normal_force"
+    entry = ddmpi.solve(scene, overrides={"output.errors": [result]}).error(result)
+    left = 6.0 * np.pi - entry.value
+    assert 0.01 * entry.value < left < entry.bar < 2.0 * left
+
+
 def test_a_weight_on_straight_sides_is_told():
     """The reaction of a heavy ring is the weight of its polygon: the bar is about twice of what is missing."""
     scene = {"body": [ring(volume_force=[0.0, -1e5])]}
@@ -357,6 +392,31 @@ def test_a_peak_is_resolved_if_it_is_near_its_neighbours():
     assert 1.0 < kink_of_pressure(state([0.0, 0.0, 0.0])) < np.inf
 
 
+@pytest.mark.parametrize(
+    ("sides", "law", "slave", "pressure"),
+    [
+        ([(0.3, 4.0)], "coulomb", None, 1.2),
+        ([(-0.3, 4.0)], "coulomb", None, 1.2),
+        ([(0.0, 4.0)], "coulomb", None, 0.0),
+        ([(0.3, 4.0)], "bonded", None, 0.0),
+        ([(0.3, 4.0), (-0.3, 4.0)], "coulomb", None, 0.0),
+        ([(0.3, 4.0), (0.2, 4.0)], "coulomb", None, 1.0),
+        ([(0.3, 4.0), (-0.4, 12.0)], "coulomb", "first", 1.2),
+    ],
+    ids=["rigid", "hollow", "smooth", "bonded", "around", "matching", "apart"],
+)
+def test_the_pressure_at_a_corner_of_a_polygon(sides, law, slave, pressure):
+    """E* θ/2π ln k of Johnson's wedge, at the place of the largest pressure; E* is that of both bodies."""
+    xy = np.column_stack([np.arange(5.0), np.zeros(5)])
+    nodes = SimpleNamespace(xy=xy, m=5, dimension=2, slave=slave, law=SimpleNamespace(name=law))
+    state = SimpleNamespace(pressure=np.array([0.0, 2.0, 7.0, 2.0, np.nan]), interface=nodes)
+    tables = [np.column_stack([xy, np.full((5, 2), (0.0, modulus))]) for _, modulus in sides]
+    for table, (angle, _) in zip(tables, sides, strict=True):
+        table[2, 2] = angle
+    found = 2.0 * np.pi * corner_of_pressure(state, tables)
+    assert found == pytest.approx(pressure)
+
+
 def test_a_stress_is_resolved_if_it_is_near_that_of_the_cells_beside_and_of_the_nodes():
     mesh = build_mesh(read_scene("b", alone()).body[0])
     sigma, nodal = np.ones(len(mesh.triangles)), np.ones(len(mesh.points))
@@ -386,6 +446,7 @@ SUMS = {"signed": -2.0, "stars": 3.0, "straight": -0.25}
 SUMS |= {"moved": 0.25, "rubbed": 0.125, "left": 0.25}
 FORCE, ENERGY = named("contacts.c.force.x"), named("bodies.b.energy")
 STRESS, MEAN = named("bodies.b.von_mises_max"), named("contacts.c.pressure_mean")
+PRESSURE = named("contacts.c.pressure_max")
 
 
 def told(result, order: int, known: Measured, value=50.0, scale=50.0, error=0.1, **facts) -> tuple:
@@ -411,6 +472,8 @@ def test_the_rule():
     assert told(STRESS, 1, peak) == (pytest.approx(of_one + 1.125 + 5.0 * BEYOND), "")
     covers = Measured(**SUMS, own=1.0, square=1.0, size=99.0, area=0.02)
     assert told(MEAN, 1, covers) == (pytest.approx(of_one + 1.125 + 1.0), "")
+    sharp = Measured(**SUMS, own=1.0, square=1.0, size=99.0, corner=3.0)
+    assert told(PRESSURE, 1, sharp) == (pytest.approx(of_one + 1.125 + 3.0), "")
     none = dict.fromkeys(("own", "square", "size", *SUMS), 0.0)
     assert told(ENERGY, 1, Measured(**none), 0.0, 3.0) == (pytest.approx(3.0 * FLOOR), "")
     assert told(FORCE, 1, Measured(**none, terms=5.0), 0.0, 3.0) == (pytest.approx(5.0 * FLOOR), "")
