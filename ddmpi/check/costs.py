@@ -79,7 +79,7 @@ class Speed(NamedTuple):
 
 class Load(NamedTuple):
     """What of a body the costs depend on: dofs, contact unknowns, rows of C, nodes, cells, entries of A, the kind of
-    compliance, and the bytes of its factors or multigrid, and of C."""
+    compliance, whether an alike body before it has made that, and the bytes of its factors or multigrid, and of C."""
 
     dimension: int
     n: int
@@ -89,6 +89,7 @@ class Load(NamedTuple):
     cells: int
     entries: float
     kind: str
+    made: bool
     solver: float
     dense: float
 
@@ -192,7 +193,8 @@ def forecast(assembly: Assembly, measured: Mapping[str, float], drawn: bool) -> 
     `measured` (s) on this rank, with pictures if they are `drawn`. Collective."""
     world, scene = assembly.world, assembly.scene
     pictures, steps = _pictures(scene) if drawn else (0, 0), _steps(scene)
-    own = [_load(body, COPIES * (1.0 + scene.far)) for body in assembly.bodies]
+    made = _made(assembly.bodies)
+    own = [_load(*each, scene.far) for each in zip(assembly.bodies, made, strict=True)]
     everyone = world.allgather((own, measure_speed(), dict(measured), peak_memory() * MIB))
     speed = Speed(*(max(each) for each in zip(*(rank[1] for rank in everyone), strict=True)))
     found, memory = list[dict[str, Range]](), list[float]()
@@ -225,11 +227,25 @@ the file of a picture."""
 def _held(scene: Settled, loads: Sequence[Load]) -> float:
     """Bytes of what is made of bodies after their assembly."""
     more = FAR * scene.far
-    return sum(load.solver + load.dense + (WORK[load.dimension] + more) * load.n for load in loads)
+    return sum(
+        load.solver * (not load.made) + load.dense + (WORK[load.dimension] + more) * load.n
+        for load in loads
+    )
 
 
-def _load(body: Body, copies: float) -> Load:
-    """What the costs of a body depend on, with so many `copies` of C."""
+def _made(bodies: Sequence[Body]) -> list[bool]:
+    """Whether a body's direct solver is that of an alike one before it, with the same A and candidates."""
+    found, made = set(), list[bool]()
+    for body in bodies:
+        A, B = body.member.elasticity.A, body.member.body.B
+        alike = id(A), *(part.tobytes() for part in (B.indptr, B.indices, B.data))
+        made.append(alike in found and body.member.body.kind != "iterative")
+        found.add(alike)
+    return made
+
+
+def _load(body: Body, made: bool, far: bool) -> Load:
+    """What the costs of a body depend on, whose solver an alike one before it has `made`, in bodies that move `far`."""
     member, mesh = body.member, body.mesh
     A, kind, k, rows = member.elasticity.A, member.body.kind, member.size, member.body.B.shape[0]
     n, dense = A.size[0], kind == "explicit"
@@ -238,6 +254,7 @@ def _load(body: Body, copies: float) -> Load:
         if kind == "iterative"
         else memory_of_factors(n, mesh.dimension, dense)
     )
+    copies = COPIES * ((not made) + far)
     return Load(
         mesh.dimension,
         n,
@@ -247,6 +264,7 @@ def _load(body: Body, copies: float) -> Load:
         len(mesh.triangles),
         A.getInfo()["nz_used"],
         kind,
+        made,
         solver,
         copies * 8.0 * rows**2 * dense,
     )
@@ -279,7 +297,7 @@ def _serial(scene: Settled, loads: Sequence[Load], parts: int, speed: Speed) -> 
     errors = len(wanted_errors(scene)) * (2.0 * plain + outer[0])
     return {
         "start": _fixed(speed.python * (0.5 + 0.3 * len(drawings))),
-        "factors": _fixed(sum(_factor(load, speed) for load in loads)),
+        "factors": _fixed(sum(_factor(load, speed) for load in loads if not load.made)),
         "outer": _range(*outer),
         "recovery": _range(*solves),
         "errors": _fixed(errors),

@@ -74,6 +74,37 @@ def test_costs_grow_as_laws_say():
     assert large.seconds["mesh"] == (1.0, 1.0, 1.0) and large.seconds["assembly"][0] == 2.0
 
 
+@pytest.mark.parametrize("compliance", ["explicit", "direct", "iterative"])
+def test_alike_bodies_cost_one_solver(compliance):
+    """Seven boxes, of which five inner ones are alike, and seven of unlike materials: a run makes three and seven solvers;
+    multigrid is made for each body."""
+    cost, solvers = list[Costs](), list[int]()
+    for unlike in (0.0, 1e9):
+        boxes = [
+            {
+                "name": f"box{k}",
+                "clamp": ["bottom"] * (not k),
+                "mesh": {"shape": "box", "origin": [0.0, 0.0, k], "size": [1.0, 1.0, 1.0]}
+                | {"divisions": [6, 6, 6]},
+                "material": {"young": 2e11 + k * unlike, "poisson": 0.3},
+            }
+            for k in range(7)
+        ]
+        pairs = [[f"box{k + 1}", f"box{k}"] for k in range(6)]
+        contacts = [{"bodies": pair, "on": ["bottom", "top"]} for pair in pairs]
+        scene = {"body": boxes, "contact": contacts, "method": {"compliance": compliance}}
+        cost.append(told(scene))
+        found = prepare_scene(MPI.COMM_SELF, scene).bodies
+        solvers.append(len({id(body.member.C.solver) for body in found}))
+    alike, all_unlike = cost
+    ratio = solvers[0] / solvers[1]
+    assert solvers[1] == 7 and alike.seconds["factors"][0] == pytest.approx(
+        ratio * all_unlike.seconds["factors"][0], rel=0.1
+    )
+    assert alike.seconds["outer"] == all_unlike.seconds["outer"]
+    assert (ratio == 1.0) == (compliance == "iterative")
+
+
 def test_a_slower_machine_takes_longer(monkeypatch):
     """All that is not measured is in proportion to its speeds."""
     fast = told(two_boxes(4), drawn=True)

@@ -3901,6 +3901,13 @@ MUTANTS = [
             "mesh/test_cache.py::test_links_lead_nowhere",
         ),
         (
+            "costs count a solver for each alike body",
+            "check/costs",
+            'made.append(alike in found and body.member.body.kind != "iterative")',
+            "made.append(False)",
+            "check/test_costs.py::test_alike_bodies_cost_one_solver",
+        ),
+        (
             "a slower machine takes less time",
             "check/costs",
             "speed.product * work / (EASY * REFERENCE[1])",
