@@ -507,7 +507,9 @@ class _Told:
             return shown | {"name": "no name"}
         plain, on = self._plain[piece.body], piece.on
         load = [*plain["traction"], {"on": on, "pressure": 1.0}]
-        others = [one for one in plain["clamp"] if str(_group(one)) != str(on)]
+        groups = boundary.groups
+        same = {each for each in piece.names if (groups[each] == groups[name]).all()} | {str(on)}
+        others = [one for one in plain["clamp"] if str(_group(one)) not in same]
         paste = [(f"to load it, in {piece.body}", write_entry("traction", load))]
         if not any(
             self._touching(piece)

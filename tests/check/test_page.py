@@ -115,6 +115,15 @@ def test_a_click_tells_what_a_side_is_and_does(tmp_path):
     assert of["upper.top"] == role["loaded"]
 
 
+def test_a_face_that_is_clamped_by_its_number_is_clamped_once(tmp_path):
+    """The line by what it is takes the place of that by its number."""
+    scene = SCENES["drawing"](tmp_path)
+    scene["body"][0]["clamp"] = [{"on": 1, "x": 0.01}]
+    (one,) = (piece for piece in checked(scene, tmp_path)[0]["pieces"] if piece["name"] == "1")
+    (line,) = (line for words, line in one["paste"] if words.startswith("to clamp it"))
+    assert tomllib.loads(line) == {"clamp": [tomllib.loads(f"on = {one['on']}")["on"]]}
+
+
 def test_groups_that_share_facets_are_told_of_each(tmp_path):
     """Facets in two groups are a piece of their own, named by the smaller; facets in none say so."""
     head, arrays = checked(in_file(tmp_path), tmp_path)

@@ -5192,7 +5192,7 @@ MUTANTS = [
         (
             "a line that clamps a side keeps its other clamp",
             "check/page",
-            "if str(_group(one)) != str(on)",
+            "if str(_group(one)) not in same",
             "if str(_group(one)) == str(on)",
             "check/test_page.py::test_a_click_tells_what_a_side_is_and_does",
         ),
