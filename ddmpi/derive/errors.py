@@ -34,6 +34,7 @@ from ddmpi.methods.linear import Linearisation
 from ddmpi.methods.newton import Newton
 from ddmpi.scene.bodies import Material
 from ddmpi.scene.results import Named, named
+from ddmpi.sets import magnitude
 from ddmpi.system.agreement import agreed
 from ddmpi.system.numbers import norm
 
@@ -112,8 +113,8 @@ def _together(
     duals = {result: z for result, (z, _) in zip(adjoints, fields, strict=True)}
     own, cells = _of_bodies(assembly, answer, some, duals, forces)
     sums = [
-        [*row, *_at_ends(assembly, equations, adjoint)]
-        for row, adjoint in zip(own, adjoints.values(), strict=True)
+        [*row, *_at_ends(assembly, equations, adjoint, some[result].what == "moment")]
+        for row, (result, adjoint) in zip(own, adjoints.items(), strict=True)
     ]
     areas = _areas(assembly) if any(one.what == "pressure_mean" for one in some.values()) else {}
     sharp = _corners(assembly, some)
@@ -181,8 +182,10 @@ def _force(body: Body, factors: Mapping[str | None, float]) -> np.ndarray:
     return factors[history] * np.column_stack(parts)
 
 
-def _at_ends(assembly: Assembly, equations: Linearisation, adjoint: Adjoint) -> np.ndarray:
-    """The sums (5,) of `ends_of_contact` over the contacts of this rank."""
+def _at_ends(
+    assembly: Assembly, equations: Linearisation, adjoint: Adjoint, turns: bool
+) -> np.ndarray:
+    """The sums (5,) of `ends_of_contact` over the contacts of this rank, of a moment if it `turns`."""
     total, s = np.zeros(5), equations.point.s
     # gaps between quadratic sides are those of parabolas, but where they are given; linear sides have arcs over them
     quadratic = assembly.scene.body[0].mesh.order == 2
@@ -193,7 +196,8 @@ def _at_ends(assembly: Assembly, equations: Linearisation, adjoint: Adjoint) -> 
         q, by_forces = adjoint.q[part], adjoint.by_forces[part]
         parabolas = interface.name in drawn and interface.slave is not None
         by_gaps = adjoint.w[part] if parabolas else np.zeros_like(q)
-        total += ends_of_contact(interface, active, s[part], q, by_forces, by_gaps)
+        arms = magnitude(interface.places) * (turns and not interface.axisymmetric)
+        total += ends_of_contact(interface, active, s[part], q, by_forces, by_gaps, arms)
     return total
 
 

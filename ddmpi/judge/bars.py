@@ -273,6 +273,7 @@ def ends_of_contact(
     q: np.ndarray,
     by_forces: np.ndarray,
     by_gaps: np.ndarray,
+    arms: np.ndarray | float = 0.0,
 ) -> np.ndarray:
     """(5,) what is unknown of a result at the ends of a contact's states, and its `terms`. Not collective.
 
@@ -284,13 +285,15 @@ def ends_of_contact(
     h φ³/60 in the mean, and by up to h φ³/32; that of both sides, which need not be alike, counts as h φ³/`ROUNDED`, with
     φ = h over the radius of curvature, but by at most `SCATTERED` times what gaps at neighbours differ: in the plane they
     are those of arcs, and sides whose nodes match are off by as much. Last the sum of the sizes of the products of nodal
-    forces of which the result is the sum.
+    forces of which the result is the sum; of a moment with whole arms, as that of a force along its arm is the difference
+    of two products: pressures on a ball have large ones around its centre, and no moment.
 
     Parameters
     ----------
     s : (size,) forces (N)
     q, by_forces : (size,) what more forces add to the result, and what it takes of the forces themselves, per newton
     by_gaps : (size,) the derivatives of the result by gaps; zero where gaps are right: those of linear elements are of arcs
+    arms : (m,) how far the forces of a moment are from the origin (m); zero of other results
     """
     law, m = interface.law, interface.m
     if not m:
@@ -311,7 +314,8 @@ def ends_of_contact(
     rounded = float(np.abs(by_gaps[:m]) @ off)
     left = _beside_clamps(interface, s * by_forces)
     sizes = [np.bincount(law.node, x**2, m) ** 0.5 for x in (s, by_forces)]
-    terms = float(sizes[0] @ sizes[1])  # also of directions in which there is no force
+    # also of directions in which there is no force
+    terms = float(sizes[0] @ np.maximum(sizes[1], arms))
     if law.two_sided:
         return np.array([0.0, 0.0, left, rounded, terms])
     normal, tangential = law.split(np.abs(q))

@@ -263,6 +263,18 @@ def test_gaps_between_parabolas_scatter(turn):
     *_, rounded, terms = ends_of_contact(interface, None, s, 0.0 * s, -s, by_gaps)
     assert rounded == pytest.approx(18.0 * off if turn else 0.0, rel=0.05)
     assert terms == pytest.approx(81.0)
+    *_, terms = ends_of_contact(interface, None, s, 0.0 * s, -s, by_gaps, np.full(9, 5.0))
+    assert terms == pytest.approx(135.0)  # of a moment with the arms of 5 m
+
+
+def test_a_moment_that_vanishes_is_as_certain_as_its_forces():
+    """Of a fit about its centre, the difference of products that are not small."""
+    wanted = ["contacts.fit.moment", "contacts.fit.normal_force"]
+    moment, force = (
+        ddmpi.solve(rings(3, 2), overrides={"output.errors": wanted}).summary["errors"].values()
+    )
+    assert abs(moment["value"]) < moment["bar"]
+    assert moment["bar"] == pytest.approx(FLOOR * 0.6 * force["value"], rel=1e-3)
 
 
 @pytest.mark.parametrize("thick", [1.0, 0.5])

@@ -4387,9 +4387,16 @@ MUTANTS = [
         (
             "a force that vanishes is certain beside those across",
             "judge/bars",
-            "terms = float(sizes[0] @ sizes[1])",
-            "terms = float(np.abs(s) @ np.abs(by_forces))",
+            "np.maximum(sizes[1], arms))",
+            "np.maximum(np.abs(by_forces[:m]), arms))",
             "run/test_errors.py::test_a_force_across_is_as_certain_as_the_largest",
+        ),
+        (
+            "moments of forces along their arms are certain",
+            "judge/bars",
+            "np.maximum(sizes[1], arms))",
+            "sizes[1])",
+            f"{BARS}::test_a_moment_that_vanishes_is_as_certain_as_its_forces",
         ),
         (
             "flush right angles of unlike bodies with friction have finite stresses",
