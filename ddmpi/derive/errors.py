@@ -30,13 +30,15 @@ from ddmpi.judge.bars import (
     parts_of,
     straight_sides,
 )
+from ddmpi.mesh.elements import facet_measures
 from ddmpi.methods.linear import Linearisation
 from ddmpi.methods.newton import Newton
+from ddmpi.results.summary import quantity_of
 from ddmpi.scene.bodies import Material
 from ddmpi.scene.results import Named, named
 from ddmpi.sets import magnitude
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import norm
+from ddmpi.system.numbers import ROUNDING, norm
 
 AIM, DEAR = 1e-6, 1e-2
 """Relative residual of the adjoint equations, and where products are by an iterative solver: at 1e-2 bars change by 0.1 to
@@ -117,16 +119,21 @@ def _together(
         for row, (result, adjoint) in zip(own, adjoints.items(), strict=True)
     ]
     areas = _areas(assembly) if any(one.what == "pressure_mean" for one in some.values()) else {}
-    sharp = _corners(assembly, some)
+    sharp, noise = _corners(assembly, some), _noise(assembly, answer)
     mine = [
-        (*_largest(assembly, answer, sharp, one), _area_lost(areas, one)) for one in some.values()
+        (
+            *_largest(assembly, answer, sharp, one),
+            _area_lost(areas, one),
+            noise[quantity_of(result)],
+        )
+        for result, one in some.items()
     ]
     totals = assembly.world.allreduce(np.array(sums))
     largest = np.array(assembly.world.allgather(mine)).max(axis=0)
     for result, row, here, of_cells in zip(adjoints, totals, largest, cells, strict=True):
-        kink, peak, corner, area = here.tolist()
+        kink, peak, corner, area, least = here.tolist()
         known = dict(zip(SUMS, row.tolist(), strict=True))
-        known |= {"kink": kink, "peak": peak, "corner": corner, "area": area}
+        known |= {"kink": kink, "peak": peak, "corner": corner, "area": area, "noise": least}
         found[result] = Measured(**known, cells=of_cells)
     return {result: found[result] for result in wanted}
 
@@ -199,6 +206,30 @@ def _at_ends(
         arms = magnitude(interface.places) * (turns and not interface.axisymmetric)
         total += ends_of_contact(interface, active, s[part], q, by_forces, by_gaps, arms)
     return total
+
+
+def _noise(assembly: Assembly, answer: Answered) -> dict[str, float]:
+    """By quantity `ROUNDING` of the largest in bodies of this rank: of the forces of their stiffness and loads, and what
+    these mean as stress on a facet, as moment and as displacement. Not collective."""
+    noise = dict.fromkeys(assembly.scene.units, 0.0)
+    for body in assembly.bodies:
+        mesh, elasticity, u = (
+            body.mesh,
+            body.member.elasticity,
+            answer.displacements[body.spec.name],
+        )
+        farthest, stiffness = float(np.abs(u).max()), elasticity.stiffest
+        force = ROUNDING * max(stiffness * farthest, elasticity.load)
+        facets = facet_measures(mesh.points[mesh.boundary[0]], mesh.axisymmetric)
+        of_body = {
+            "force": force,
+            "moment": force * float(np.abs(mesh.points).max()),
+            "stress": force / float(np.median(facets)),
+            "length": max(ROUNDING * farthest, force / stiffness),
+        }
+        for quantity, size in of_body.items():
+            noise[quantity] = max(noise[quantity], size)
+    return noise
 
 
 def _areas(assembly: Assembly) -> dict[str, float]:

@@ -86,7 +86,8 @@ BEYOND = 1.5
 stress that is largest at a curved boundary. With 1 bars of linear elements cover 88 % of the new problems, with this 94 %."""
 
 FLOOR = 1e-5
-"""Least bar, over the largest number of the same quantity: the certificate promises no more."""
+"""Least bar, over the largest number of the same quantity: the certificate promises no more. Where all of these are
+rounding, the least bar is that rounding."""
 
 
 RESULTANTS = ("force", "normal_force", "tangential_force", "pressure_mean", "moment", "reaction")
@@ -136,6 +137,7 @@ class Measured:
     own, square, size : `squares` of `Parts`
     straight : as of `Parts`
     moved, rubbed, left, rounded, terms : as of `ends_of_contact`
+    noise : rounding of the forces in bodies, as a value of this result
     area : of a mean pressure, by how much the area differs from that of the smaller side, over itself
     kink, peak : of a largest value, as of `kink_of_pressure` and `kink_of_stress`
     corner : by how much the corners of halved straight sides raise a largest value, as of `corners_of`
@@ -154,6 +156,7 @@ class Measured:
     left: float = np.nan
     rounded: float = 0.0
     terms: float = 0.0
+    noise: float = 0.0
     area: float = 0.0
     kink: float = 0.0
     peak: float = 0.0
@@ -422,7 +425,7 @@ def bar_of(result: Named, known: Measured, facts: Facts) -> Bar:
     """The bar of a result, half the width of the interval that is meant to hold the value of the continuum, or a word."""
     if facts.value is None:
         return Bar(None, None, known.word or UNDETERMINED)
-    size, least = abs(facts.value), FLOOR * max(facts.scale, known.terms)
+    size, least = abs(facts.value), max(FLOOR * max(facts.scale, known.terms), known.noise)
     sums, jump, ends = sums_of(result, known, size)
     sums = max(FACTORS[facts.order] * sums, jump)
     rough = max(sums + ends, least)
@@ -443,7 +446,7 @@ def _instead(known: Measured, facts: Facts, rough: float, given: bool, partial: 
         return LOCKED * (error is None and not given)
     wide = rough > LARGEST * size
     reasons = {
-        ENDLESS: facts.endless and size > FLOOR * facts.scale,
+        ENDLESS: facts.endless and size > max(FLOOR * facts.scale, known.noise),
         LONELY: np.isinf(known.kink),
         UNRESOLVED: known.kink > 1.0,
         PARTIAL: partial,

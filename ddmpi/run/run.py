@@ -513,7 +513,11 @@ def _of_answer(
     warnings = [*coarse_words(solution.held), *doubts, *infinite]
     warnings += steps.doubts_beside([*doubts, *free])
     if not scene.output.only:
-        stresses = {name: field.von_mises for name, field in fields.items()}
+        # without energy a body moves rigidly, and its stresses are rounding
+        stresses = {
+            name: field.von_mises if error.estimates[name].energy else None
+            for name, field in fields.items()
+        }
         warnings += [] if world.rank else doubt_mesh(scene.body, error)
         warnings += doubt_stress(assembly.in_world(), stresses, edges.by_body)
     unsolved = f"their equations are not solved to {ENOUGH:.0e}"

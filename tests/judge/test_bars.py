@@ -489,6 +489,31 @@ def test_the_rule():
     none = dict.fromkeys(("own", "square", "size", *SUMS), 0.0)
     assert told(ENERGY, 1, Measured(**none), 0.0, 3.0) == (pytest.approx(3.0 * FLOOR), "")
     assert told(FORCE, 1, Measured(**none, terms=5.0), 0.0, 3.0) == (pytest.approx(5.0 * FLOOR), "")
+    assert told(FORCE, 1, Measured(**none, noise=5.0), 0.0, 3.0) == (5.0, "")
+
+
+def test_numbers_that_are_rounding_have_bars_of_rounding():
+    """A block that heats freely has a reaction of zero, and a plate that its clamp carries along no stress, which then
+    grows nowhere: where the clamp also stretches the plate, a warning says that it does."""
+    mesh = rectangle([0.0, 0.0], [2.1, 1.3], [23, 17]) | {"order": 2}
+    roll = [{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}]
+    warm = {"material": STEEL | {"expansion": 1.2e-5}, "temperature": 100.0, "clamp": roll}
+    carried = {"material": STEEL, "clamp": [{"on": "left", "x": 0.001, "y": 0.002}]}
+    pulled = carried | {"traction": [{"on": "right", "value": [10.0, 0.0]}]}
+
+    def solved(body: dict):
+        scene = {"body": [{"name": "plate", "mesh": mesh} | body], "output": {"errors": "main"}}
+        return ddmpi.solve(scene)
+
+    for body in (warm, carried):
+        answer = solved(body)
+        assert answer.summary["warnings"] == []
+        for axis in "xy":
+            entry = answer.error(f"bodies.plate.reaction.{axis}")
+            assert abs(entry.value) < entry.bar < 0.1
+    stress = answer.error("bodies.plate.von_mises_max")
+    assert stress.value < stress.bar < 1.0
+    assert any("without limit" in words for words in solved(pulled).summary["warnings"])
 
 
 def test_words():

@@ -4336,6 +4336,20 @@ MUTANTS = [
             f"{BARS}::test_what_clamps_bear_at_the_ends_of_a_contact_is_in_its_bar",
         ),
         (
+            "rounding has a bar far below it",
+            "judge/bars",
+            "max(FLOOR * max(facts.scale, known.terms), known.noise)",
+            "FLOOR * max(facts.scale, known.terms)",
+            f"{BARS}::test_numbers_that_are_rounding_have_bars_of_rounding",
+        ),
+        (
+            "stresses of a body that is carried grow without limit",
+            "run/run",
+            "field.von_mises if error.estimates[name].energy else None",
+            "field.von_mises",
+            f"{BARS}::test_numbers_that_are_rounding_have_bars_of_rounding",
+        ),
+        (
             "a bar without the stars",
             "judge/bars",
             "return (abs(known.signed) + known.stars,",
