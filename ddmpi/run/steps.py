@@ -38,6 +38,9 @@ log = logging.getLogger("ddmpi")
 MOST = 1024  # most load steps of a leg for ``time.tolerance``
 SHORT = 0.01  # where gaps close along a leg, its first step is divided at this fraction, to learn how fast they close
 
+EXCESS = 0.1
+"""Given load steps are too long if friction dissipates more than contacts take by more than this fraction."""
+
 CUTS = 6
 """Most times that a failing step is halved, and that the leg's shortest planned step may be: steps that are halved
 again after each success would creep towards a load without equilibrium."""
@@ -144,6 +147,7 @@ class March:
                     loose = undetermined_motions(self.assembly, solution.states)[:NAMED]
                     self.log.doubt(time, [*doubts, *loose])
                 self._next_leg(again)
+        self.log.doubt(self._now.time, self._too_long())
         worst = self.log.judge(solution.certificate)
         return replace(solution, certificate=worst.told(self.assembly.world))
 
@@ -486,6 +490,18 @@ class March:
             "accepted" if enough else words,
         )
         return enough
+
+    def _too_long(self) -> list[str]:
+        """A warning where energies show that the given steps of bodies that move far are too long."""
+        given = self._steps and self.assembly.frames
+        excess = self.log.excess({"energies": ()}, self._given) if given else 0.0
+        if excess <= EXCESS:
+            return []
+        words = (
+            f"energy: friction dissipates {100.0 * excess:.2g} % more than contacts take, of what it dissipates: load "
+            f"steps are too long for energies to be true; give more than steps = {self._steps}, or leave steps out"
+        )
+        return [Doubt(words, "energy", excess)]
 
     def _resolves(self) -> bool:
         """Whether steps are as small as forces alone do not tell."""

@@ -22,6 +22,7 @@ import ddmpi
 from ddmpi.interface import rows
 from ddmpi.pictures.draw import draw_all
 from ddmpi.results.tables import cells_by_kind, read_results
+from ddmpi.run.steps import EXCESS
 from ddmpi.system.numbers import Frame
 
 MU = COULOMB["coefficient"]
@@ -159,6 +160,25 @@ def test_a_block_slides_with_the_friction_of_its_pressure(order):
     assert np.diff(external)[-3:] == pytest.approx(
         -0.5 * (T[1:] + T[:-1]) * 1.3 / 4.0, rel=1e-6
     )  # of the pusher
+
+
+def test_given_steps_that_are_too_long_are_told():
+    """Friction cannot dissipate more than contacts take, but in long steps it does: 17 % in 4, 9 % in 8."""
+
+    def said(**steps: int) -> list[str]:
+        scene = block()
+        scene["time"] = {name: v for name, v in scene["time"].items() if name != "steps"} | steps
+        answer = certified(scene)
+        energy = answer.summary["energy"]
+        excess = -energy["lost"] / energy["dissipated"]
+        told = [words for words in answer.summary["warnings"] if "too long for energies" in words]
+        assert len(told) == (excess > EXCESS)
+        assert all(f"dissipates {100.0 * excess:.2g} % more" in words for words in told)
+        return told
+
+    assert said(steps=4)
+    assert "steps = 4, or leave" in said(steps=4)[0]
+    assert not said(steps=8) and not said()
 
 
 def test_clamps_move_a_body_within_its_frame():

@@ -4350,6 +4350,13 @@ MUTANTS = [
             f"{BARS}::test_numbers_that_are_rounding_have_bars_of_rounding",
         ),
         (
+            "steps that are too long are not told",
+            "run/steps",
+            "if excess <= EXCESS:",
+            "if True:",
+            f"{FAR}::test_given_steps_that_are_too_long_are_told",
+        ),
+        (
             "a bar without the stars",
             "judge/bars",
             "return (abs(known.signed) + known.stars,",
