@@ -26,8 +26,10 @@ def told(scene: dict, drawn: bool = False) -> Costs:
 
 
 @pytest.fixture(autouse=True)
-def same_speed(monkeypatch):
+def same_machine(monkeypatch):
+    """Its speeds, and the memory of a process that has done nothing else, as these tests' own has."""
     monkeypatch.setattr(costs, "measure_speed", lambda: Speed(1.0, 1.0, 1.0))
+    monkeypatch.setattr(costs, "peak_memory", lambda: 90.0)
 
 
 def test_check_tells_costs_before_a_run(tmp_path, caplog):
