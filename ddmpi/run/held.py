@@ -36,6 +36,7 @@ from ddmpi.judge.motions import (
     MotionsOfBody,
     describe_motions,
     forwards,
+    is_definite,
     told_apart,
     unresisted,
 )
@@ -141,8 +142,6 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
         return none
     forces = _forces(assembly)
     resisting = gathered(world, {name: (len(F), numbers, F.T @ F) for name, numbers, F in forces})
-    if not from_first(world, lambda: bool(islands(resisting, size, joint.stays.bolts, FAINT))):
-        return none
     # a shape in the plane or of order 2 that is resisted by more than RESISTED is not round
     coarse = coarse and (scene.dimension, scene.body[0].mesh.order) == (3, 1)
     passing, past, own = _passing(assembly, forces), {}, {}
@@ -153,12 +152,18 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
         own_rows[: len(leaning)] += leaning
         past[name] = len(D), numbers, D.T @ D
         own[name] = len(F), numbers, own_rows.T @ own_rows
-    moving, bodies = gathered(world, past), with_partners(assembly)
     by_sides = gathered(world, own)
+
+    def touching() -> list[np.ndarray]:
+        return islands(resisting, size, joint.stays.bolts, FAINT, by_sides)
+
+    if not from_first(world, lambda: bool(touching())):
+        return none
+    moving, bodies = gathered(world, past), with_partners(assembly)
 
     def choose() -> tuple[np.ndarray, ...]:
         sums = [summed(parts, size) for parts in (by_sides, resisting, moving)]
-        groups = islands(resisting, size, joint.stays.bolts, FAINT)
+        groups = touching()
         basis, level = _chosen(groups, sums, joint.K, coarse)
         turns = [
             turning(bodies, [body.basis @ v[joint.slices[body.name]] for body in bodies])
@@ -231,10 +236,14 @@ def _passing(
     return found
 
 
-def islands(resisting: Parts, size: int, kept: np.ndarray, least: float) -> list[np.ndarray]:
+def islands(
+    resisting: Parts, size: int, kept: np.ndarray, least: float, by_sides: Parts | None = None
+) -> list[np.ndarray]:
     """The numbers of the motions of each group of bodies that touch in which a motion is resisted by less than `least`
-    of the root of the number of forces. Groups of more than `LARGEST` bodies are left out."""
+    of the root of the number of forces, or of those along the normals of each side, if given. Groups of more than
+    `LARGEST` bodies are left out."""
     F, number = summed(resisting, size), np.zeros(size)
+    matrices = [F, *([summed(by_sides, size)] if by_sides else ())]
     for count, numbers, _ in resisting.values():
         number[numbers] += count
     _, island = csgraph.connected_components(F, directed=False)
@@ -243,8 +252,8 @@ def islands(resisting: Parts, size: int, kept: np.ndarray, least: float) -> list
         members = np.flatnonzero((island == label) & ~kept)
         if not len(members) or not number[members].any() or len(members) > 6 * LARGEST:
             continue
-        smallest = np.linalg.eigvalsh(F[members][:, members].toarray())[0]
-        if smallest <= least**2 * number[members].max():
+        bound = least**2 * number[members].max() * np.eye(len(members))
+        if not all(is_definite(A[members][:, members].toarray() - bound) for A in matrices):
             found.append(members)
     return found
 

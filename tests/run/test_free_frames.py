@@ -202,6 +202,27 @@ def test_a_turn_that_nothing_resists_is_put_back(clear):
     assert not any("not stable" in warning for warning in answer.summary["warnings"])
 
 
+def test_a_turn_on_a_rigid_plane_is_put_back():
+    """A disc without friction that is pushed along a floor goes along and does not turn: the floor's normals resist its
+    turn about the ends of the contact, its own do not. It turned five times round."""
+    disc = ring("disc", (0.0, 1.0), (0.25, 1.0), (60, 6), volume_force=[0.0, -WEIGHT / np.pi])
+    pusher = ring("pusher", (-2.0, 1.0), (0.25, 1.0), (48, 6), clamp=["inner"])
+    pusher["motion"] = [{"shift": [0.5, 0.0], "history": "push"}]
+    scene = {
+        "time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"},
+        "history": {"push": history(1.0, 2.0)},
+        "body": [disc, pusher],
+        "rigid": [FLOOR],
+        "contact": [
+            {"bodies": ["disc", "floor"], "on": ["outer"]},
+            {"bodies": ["disc", "pusher"], "on": ["outer", "outer"]},
+        ],
+    }
+    places = certified(scene).solved.steps.places
+    gone = places[2.0].freed["disc"] - places[1.0].freed["disc"]
+    assert gone == pytest.approx([0.5, 0.0, 0.0], abs=1e-6)
+
+
 def test_steps_that_are_not_given_are_small_enough_to_roll():
     """A wheel that is turned by 45° rolls on by as much of its circumference, though the forces at the end are those of
     one step of 45° (by which it rolled 3 to 10 % too little)."""

@@ -399,6 +399,13 @@ MUTANTS = [
             "judge/test_bars.py::test_a_pressure_on_the_flat_end_of_a_round_bar_is_told",
         ),
         (
+            "turns on rigid planes are resisted by these alone",
+            "run/held",
+            "joint.stays.bolts, FAINT, by_sides)",
+            "joint.stays.bolts, FAINT)",
+            "run/test_free_frames.py::test_a_turn_on_a_rigid_plane_is_put_back",
+        ),
+        (
             "held motions in the order of their resistance",
             "run/held",
             "told = sorted(told[:-1], key=lambda one: (order.get(one.body, len(named)), one.motion))",
