@@ -57,8 +57,6 @@ BESIDE_TURNS = (
     1e-6  # weight of the ways that bodies went, where the angles of held turns are put back
 )
 
-ROLLED = 0.1  # error of rolled ways, over `time.tolerance`
-
 FARTHEST = 15.0  # largest turn of a frame in a pass (degrees)
 
 
@@ -352,10 +350,9 @@ class FarMarch(March):
                         )
         return float(self.assembly.space.add(np.array([joules]))[0])
 
-    def _resolves(self) -> bool:
-        """Whether sides that rub turn so little past each other in a step that rolling is right to `ROLLED` of the
-        tolerance: what sticks at the end of a step by the angle θ has moved by sin θ, not θ, of a radius. Not
-        collective."""
+    def _too_short(self) -> float:
+        """The part by which what sticks at the end of a step, in which sides that rub turn past each other by the angle θ,
+        has moved less than θ of a radius: by sin θ."""
         scene, most = self.assembly.scene, 0.0
         now, then = (mark.memory.frames(scene) for mark in (self._now, self._before))
         for contact in self.assembly.contacts:
@@ -363,7 +360,7 @@ class FarMarch(March):
                 continue
             first, second = (now[name].after(then[name].undone) for name in contact.bodies)
             most = max(most, norm(first.after(second.undone).turn))
-        return np.radians(most) ** 2 / 6.0 <= ROLLED * self._tolerance
+        return float(np.radians(most)) ** 2 / 6.0
 
     def _closing(self, s: np.ndarray) -> bool:
         """Nothing is known of gaps that close: rows are those of one step."""

@@ -36,6 +36,7 @@ from ddmpi.system.doubts import Doubt
 log = logging.getLogger("ddmpi")
 
 MOST = 1024  # most load steps of a leg for ``time.tolerance``
+ROLLED = 0.1  # error of rolled ways, over `time.tolerance`
 SHORT = 0.01  # where gaps close along a leg, its first step is divided at this fraction, to learn how fast they close
 
 EXCESS = 0.1
@@ -450,11 +451,7 @@ class March:
             return False
         if 2 * self._number > MOST or not self._largest.all():
             if self._largest.all():
-                missed = (
-                    f"time.tolerance: forces miss it in {self._number} load steps; doubling changed them by "
-                    f"{self._changed:.2g}"
-                )
-                self.log.doubt(self._end, [Doubt(missed, "time.tolerance", self._changed)])
+                self.log.doubt(self._end, [self._missed()])
             return False
         # nodes that were open and now carry force: their gaps close within the leg
         closing = self._closing(s)
@@ -463,6 +460,21 @@ class March:
         self.log.restore(self._noted)
         self._ahead = self._times(length, closing)
         return True
+
+    def _missed(self) -> Doubt:
+        """What the most load steps of a leg do not resolve."""
+        least, off = ROLLED * self._tolerance, self._changed
+        missed = (
+            f"time.tolerance: forces miss it in {self._number} load steps; doubling changed them by "
+            f"{off:.2g}"
+        )
+        if off <= self._tolerance and (short := self._too_short()) > least:
+            off = short
+            missed = (
+                f"time.tolerance: sides turn so far past each other in each of {self._number} load steps that wheels "
+                f"roll by {short:.2g} of their way too little"
+            )
+        return Doubt(missed, "time.tolerance", off)
 
     def _agree(self) -> bool:
         """Whether half as many steps lead to the same forces at the end of the leg, which is noted."""
@@ -479,7 +491,7 @@ class March:
         given = self._given if self._base.time == 0.0 else 0.0
         enough = close and self.log.excess(self._noted, given) <= self._tolerance
         words = "but friction dissipates more than contacts take" if close else "not enough"
-        if enough and not self._resolves():
+        if enough and self._too_short() > ROLLED * self._tolerance:
             enough, words = False, "but sides turn far past each other in a step"
         log.info(
             "time %g reached: %d and %d steps agree to %.2g, %s",
@@ -503,9 +515,9 @@ class March:
         )
         return [Doubt(words, "energy", excess)]
 
-    def _resolves(self) -> bool:
-        """Whether steps are as small as forces alone do not tell."""
-        return True
+    def _too_short(self) -> float:
+        """The part of their way by which wheels roll too little, as their steps turn them by an angle. Not collective."""
+        return 0.0
 
     @property
     def _frictional(self) -> list[slice]:

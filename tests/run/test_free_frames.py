@@ -10,6 +10,7 @@ from test_far import changed, forces, history
 import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.coupling.coarse import Driven
+from ddmpi.run import steps
 from ddmpi.scene.motions import Motion
 from ddmpi.system.numbers import Frame
 
@@ -223,22 +224,39 @@ def test_a_turn_on_a_rigid_plane_is_put_back():
     assert gone == pytest.approx([0.5, 0.0, 0.0], abs=1e-6)
 
 
-def test_steps_that_are_not_given_are_small_enough_to_roll():
-    """A wheel that is turned by 45° rolls on by as much of its circumference, though the forces at the end are those of
-    one step of 45° (by which it rolled 3 to 10 % too little)."""
+def rolls() -> dict:
+    """A wheel on a rigid floor, turned by 45°."""
     wheel = ring("wheel", (0.0, 1.0), (0.3, 1.0), (60, 4), clamp=["inner"])
     turn = {"turn": -45.0, "pivot": [0.0, 1.0], "history": "roll"}
     wheel["motion"] = [turn, {"free": ["x", "y"], "force": [0.0, -1.0], "history": "press"}]
-    scene = {
+    return {
         "time": {"points": [1.0, 2.0], "motions": "far"},
         "history": {"press": history(0.0, 1.0), "roll": history(1.0, 2.0)},
         "body": [wheel],
         "rigid": [FLOOR],
         "contact": [{"bodies": ["wheel", "floor"], "on": ["outer"], "friction": COULOMB}],
     }
-    places = certified(scene).solved.steps.places
+
+
+def test_steps_that_are_not_given_are_small_enough_to_roll():
+    """A wheel that is turned by 45° rolls on by as much of its circumference, though the forces at the end are those of
+    one step of 45° (by which it rolled 3 to 10 % too little)."""
+    answer = certified(rolls())
+    assert not any("time.tolerance" in warning for warning in answer.summary["warnings"])
+    places = answer.solved.steps.places
     gone = places[2.0].freed["wheel"] - places[1.0].freed["wheel"]
     assert gone[0] == pytest.approx(np.pi / 4.0, rel=3e-3)
+
+
+@pytest.mark.parametrize(("most", "short"), [(2, "0.035"), (8, "0.0027")])
+def test_turns_that_the_most_steps_do_not_resolve_are_told(most, short, monkeypatch):
+    """Not that forces miss the tolerance: these agree to rounding."""
+    monkeypatch.setattr(steps, "MOST", most)
+    warnings = certified(rolls()).summary["warnings"]
+    told = [warning for warning in warnings if "time.tolerance" in warning]
+    words = f"far past each other in each of {most} load steps that wheels roll by {short} of their way too little"
+    assert [words in warning for warning in told] == [True]
+    assert not any("forces miss it in" in warning for warning in told)
 
 
 def test_what_holds_a_free_frame_is_judged():

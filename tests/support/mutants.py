@@ -4831,9 +4831,16 @@ MUTANTS = [
         (
             "steps of any angle resolve rolling",
             "run/places",
-            "return np.radians(most) ** 2 / 6.0 <= ROLLED * self._tolerance",
-            "return True",
+            "return float(np.radians(most)) ** 2 / 6.0",
+            "return 0.0",
             "run/test_free_frames.py::test_steps_that_are_not_given_are_small_enough_to_roll",
+        ),
+        (
+            "turns that steps do not resolve are said to be forces",
+            "run/steps",
+            "(short := self._too_short()) > least",
+            "(short := self._too_short()) < 0.0",
+            "run/test_free_frames.py::test_turns_that_the_most_steps_do_not_resolve_are_told",
         ),
         (
             "held turns stay where passes left them",
