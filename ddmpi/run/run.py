@@ -216,7 +216,7 @@ def compute(
 
     folder, claim = None, contextlib.ExitStack()
     with naming(scene_path), agreed(world):
-        _refuse_forceless(scene)
+        scene.refuse_forceless()
     with agreed(world):
         if write and world.rank == 0:
             folder = claim.enter_context(choose_folder(output, restart, scene_path))
@@ -234,20 +234,6 @@ def compute(
     if write:
         _refuse_uncertified(solved, ladder)
     return solved
-
-
-def _refuse_forceless(scene: Settled) -> None:
-    """Raise InputError for pretensions without a force, as `import` writes them. Not collective."""
-    lacking = [
-        f"contact.{bolt.name}.pretension"
-        for bolt in scene.bolts
-        if bolt.pretension and bolt.pretension.force is None
-    ]
-    if lacking:
-        raise InputError(
-            f"{', '.join(lacking)}: force is missing, the tension of the bolt (N); write it into the line, as in "
-            "pretension = { force = 10e3, along = … }"
-        )
 
 
 def _climb(

@@ -11,6 +11,7 @@ from typing import Annotated
 import msgspec
 from msgspec.structs import replace
 
+from ddmpi.errors import InputError
 from ddmpi.scene.bodies import BodySpec, SettledBody
 from ddmpi.scene.checks import mistakes
 from ddmpi.scene.contacts import ContactSpec, Rigid, SettledContact
@@ -191,6 +192,19 @@ class Settled(Table, frozen=True, kw_only=True, dict=True):
     def bolts(self) -> list[SettledContact]:
         """The contacts with a pretension."""
         return [contact for contact in self.contact if contact.pretension]
+
+    def refuse_forceless(self) -> None:
+        """Raise InputError for pretensions without a force, as `import` writes them: a check does without."""
+        lacking = [
+            f"contact.{bolt.name}.pretension"
+            for bolt in self.bolts
+            if bolt.pretension and bolt.pretension.force is None
+        ]
+        if lacking:
+            raise InputError(
+                f"{', '.join(lacking)}: force is missing, the tension of the bolt (N); write it into the line, as in "
+                "pretension = { force = 10e3, along = … }"
+            )
 
     @property
     def wheel(self) -> Image | None:

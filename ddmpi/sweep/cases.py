@@ -123,7 +123,7 @@ def build_cases(
     """The cases of a sweep: all combinations of the `varied` keys, the last --vary running fastest.
 
     `path`, `scene` and `file_kind` are as for `read_scene`. Raises InputError, the same on every rank, that names a
-    key or value that is not valid, or two cases that are the same. Not collective.
+    key or value that is not valid, a bolt without a force, or two cases that are the same. Not collective.
     """
     if not varied:
         raise InputError(f"a sweep needs --vary {_RANGE}")
@@ -143,6 +143,7 @@ def build_cases(
         varying = [f"{key}={value}" for key, value in settings.items()]
         try:
             case = Case(len(cases), settings, named, read_scene(path, scene, varying, file_kind))
+            case.scene.refuse_forceless()
         except InputError as error:
             raise InputError(
                 f"--vary {' '.join(varying)}: {str(error).removeprefix('--set ')}"

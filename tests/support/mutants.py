@@ -5205,10 +5205,10 @@ MUTANTS = [
         ),
         (
             "a bolt without a force is run",
-            "run/run",
+            "scene/scene",
             "if bolt.pretension and bolt.pretension.force is None",
             "if False",
-            f"{IMPORTED}::test_an_assembly_with_a_bolt_becomes_a_scene_that_lacks_a_force",
+            "sweep/test_cases.py::test_bolts_without_a_force_are_refused_before_any_case_runs",
         ),
         (
             "the halves of a bore are two contacts",

@@ -92,6 +92,16 @@ def test_refused(varied, words):
     assert all(word in str(caught.value) for word in words) and "--set" not in str(caught.value)
 
 
+def test_bolts_without_a_force_are_refused_before_any_case_runs():
+    """As import leaves them; a force may be among the values."""
+    bolt = ['contact.0={bodies=["upper","lower"], on=["bottom","top"], name="bolt", kind="bonded"']
+    bolt += ["pretension={along=[0,1]}}"]
+    one = ('method.outer="newton"', ", ".join(bolt))
+    with pytest.raises(InputError, match=r"contact\.bolt\.pretension: force is missing"):
+        build(*one)
+    assert len(build(*one, "contact.bolt.pretension.force=1e3,2e3")) == 2
+
+
 def test_a_table_and_then_an_entry_of_it():
     assert len(build("petsc.a=true,1")) == 2
     cases = build(
