@@ -187,7 +187,7 @@ class StepLog:
         The exact value is never positive; a positive one shows that steps are too coarse where slip begins within one.
         The work `given` (J) of an overlap that acts at once does not count: no step divides it.
         """
-        rows, k = np.array(self.energies), len(since["energies"])
+        rows, k = np.array(self.energies or np.zeros((1, 6))), len(since["energies"])
         took, dissipated = rows[-1, 3:5] - (rows[k - 1, 3:5] if k else 0.0)
         size = max(rows[-1, 4], LITTLE * np.abs(rows[:, 1:4]).max())
         return max(0.0, dissipated - (took - given)) / size if size else 0.0

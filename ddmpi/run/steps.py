@@ -510,7 +510,7 @@ class March:
         if excess <= EXCESS:
             return []
         words = (
-            f"energy: friction dissipates {100.0 * excess:.2g} % more than contacts take, of what it dissipates: load "
+            f"energy: friction dissipates more than contacts take, by {100.0 * excess:.2g} % of what it dissipates: load "
             f"steps are too long for energies to be true; give more than steps = {self._steps}, or leave steps out"
         )
         return [Doubt(words, "energy", excess)]

@@ -173,7 +173,7 @@ def test_given_steps_that_are_too_long_are_told():
         excess = -energy["lost"] / energy["dissipated"]
         told = [words for words in answer.summary["warnings"] if "too long for energies" in words]
         assert len(told) == (excess > EXCESS)
-        assert all(f"dissipates {100.0 * excess:.2g} % more" in words for words in told)
+        assert all(f"by {100.0 * excess:.2g} % of what it dissipates" in words for words in told)
         return told
 
     assert said(steps=4)
