@@ -69,6 +69,7 @@ log = logging.getLogger("ddmpi")
 DRAWERS = 2  # most ranks that share the pictures; all are on one host, as files of another one may come late
 COARSE = 0.05  # linear elements with a larger estimated error hear what quadratic ones would cost
 LITTLE = 0.1  # frictional work is compared with at least this fraction of the largest energy
+FREE = 1e-4  # balances are compared with at least this part of what heat and clamps could store
 
 Leg = tuple[float, dict[str, tuple[ContactState, np.ndarray]]]
 """Time of a kept load step; by contact a state with its nodes, and `leg_values`."""
@@ -199,7 +200,7 @@ class StepLog:
         rows = np.array(self.energies or np.zeros((1, 6)))
         _, external, strain, interface, dissipated, _ = rows[-1].tolist()
         # what heats and moves freely stores rounding of what it would store if it were held
-        size = float(max(np.abs(rows[:, 1:4]).max(), self.most["confined"][0]))
+        size = float(max(np.abs(rows[:, 1:4]).max(), FREE * self.most["confined"][0]))
         return {
             "external_work": external,
             "strain_energy": strain,

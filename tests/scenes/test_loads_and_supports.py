@@ -139,7 +139,7 @@ def test_energies_of_what_strains_and_moves_freely_balance(free):
         "history": {"both": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
     }
     energy = certified(scene).summary["energy"]
-    assert abs(energy["strain_energy"]) < 1e-6 and energy["residual"] <= 1e-12
+    assert abs(energy["strain_energy"]) < 1e-6 and energy["residual"] <= 1e-9
 
 
 def test_an_accuracy_target_is_met_with_heat_and_inclined_planes():

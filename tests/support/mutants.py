@@ -1504,7 +1504,7 @@ MUTANTS = [
         (
             "the balance of energies is compared with what is stored alone",
             "run/gather",
-            "size = float(max(np.abs(rows[:, 1:4]).max(), self.most['confined'][0]))",
+            "size = float(max(np.abs(rows[:, 1:4]).max(), FREE * self.most['confined'][0]))",
             "size = float(np.abs(rows[:, 1:4]).max())",
             "scenes/test_loads_and_supports.py::test_energies_of_what_strains_and_moves_freely_balance",
         ),
