@@ -14,8 +14,16 @@ import msgspec
 import numpy as np
 import result_check
 from by_skfem import default_stiffness_of, load_of
-from result_check import NOTHING, SIDES, along, contact_forces, factor, normals, turning
-from scipy.optimize import linprog
+from result_check import (
+    NOTHING,
+    SIDES,
+    along,
+    contact_forces,
+    factor,
+    has_forces,
+    normals,
+    turning,
+)
 from skfem import LinearForm
 
 from ddmpi.mesh.build import build_mesh
@@ -373,19 +381,8 @@ def _feasible(scene: Scene, meshes: dict[str, Mesh], time: float) -> bool:
                     columns += [on_both(t) for t in round_it]
                     lowest += [0.0] * len(round_it)
     scale = np.abs(wanted).max() or 1.0
-    bounds = np.zeros((len(capped), len(columns)))
-    for row, some in zip(bounds, capped, strict=True):
-        row[list(some)] = 1.0
-    found = linprog(
-        np.zeros(len(columns)),
-        bounds if capped else None,
-        np.array(most) / scale if capped else None,
-        np.array(columns).T,
-        wanted / scale,
-        [(low, None) for low in lowest],
-        method="highs",
-    )
-    return found.status == 0
+    limits = [(low, None) for low in lowest]
+    return has_forces(columns, limits, capped, np.array(most) / scale, wanted / scale)
 
 
 def _places(meshes: dict[str, Mesh], contact: dict, motion: Motion):

@@ -8,6 +8,7 @@ hold the bodies at all. Bodies are quadrilaterals, or boxes along the axes; a ri
 from __future__ import annotations
 
 import itertools
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -337,16 +338,27 @@ def _feasible(scene: Scene, time: float, reach: float) -> bool:
     scale = np.abs(wanted).max(initial=0.0)
     if scale == 0.0:
         return True
+    return has_forces(columns, signed, capped, np.array(most) / scale, wanted / scale)
+
+
+def has_forces(
+    columns: Sequence[np.ndarray],
+    limits: Sequence[tuple[float | None, None]],
+    capped: Sequence[Iterable[int]],
+    most: np.ndarray,
+    wanted: np.ndarray,
+) -> bool:
+    """Whether factors of `columns` within `limits` add up to `wanted`, sums of those `capped` at `most`."""
     bounds = np.zeros((len(capped), len(columns)))
     for row, some in zip(bounds, capped, strict=True):
         row[list(some)] = 1.0
     found = linprog(
         np.zeros(len(columns)),
         bounds if capped else None,
-        np.array(most) / scale if capped else None,
+        most if capped else None,
         np.array(columns).T,
-        wanted / scale,
-        signed,
+        wanted,
+        limits,
         method="highs",
     )
     return found.status == 0
