@@ -40,7 +40,8 @@ class _Round(NamedTuple):
 
     def around(self, hole: _Round) -> bool:
         """Whether this one is in a hole of the same axis."""
-        (low, high), (first, last) = self.span(self), self.span(hole)
+        low, high = self.span(self)
+        first, last = self.span(hole)
         shared = min(high, last) - max(low, first)
         turned = hole.hollow and not self.hollow and hole.body != self.body
         return turned and shared >= ALONG * self.radius and self.is_along(hole)
@@ -162,7 +163,8 @@ class _Shank(NamedTuple):
     def with_nuts(self, bearings: Sequence[_Bearing]) -> Iterator[Bolt]:
         """Its threads in two nuts that face each other, away from each other."""
         nuts = sorted(zip(self.spans, self.holes, strict=True))
-        (first, one), (last, other) = nuts[0], nuts[-1]
+        first, one = nuts[0]
+        last, other = nuts[-1]
         two = {hole.body for hole in self.holes} == {
             one.body,
             other.body,

@@ -73,7 +73,8 @@ def _check(
     world: MPI.Comm, scene: Settled, scene_path: str, output: str | None, figures: bool, ranks: int
 ) -> None:
     """`check` on the ranks with bodies, of all `ranks`."""
-    folder, claimed = None, contextlib.ExitStack()
+    folder = None
+    claimed = contextlib.ExitStack()
     with agreed(world):
         if world.rank == 0 and figures:
             folder = claimed.enter_context(
@@ -83,11 +84,13 @@ def _check(
         log.info("%s", scene.title or scene_path)
         clock = Clock()
         assembly = prepare_scene(world, scene, scene_path, clock, factor=False)
-        held, free = motions_to_hold(assembly), motions_without_resistance(assembly)
+        held = motions_to_hold(assembly)
+        free = motions_without_resistance(assembly)
         mechanism = beyond_meshes(assembly, held, look_for_mechanism(assembly))
         overlaps = _overlaps(assembly)
         bodies, interfaces = _gather(assembly)
-        near, folder = drawers(world), world.bcast(folder)
+        near = drawers(world)
+        folder = world.bcast(folder)
         costs = forecast(assembly, clock.seconds, scene.output.figures and has_matplotlib())
         with agreed(world, asleep=True):
             boundaries = {name: body.boundary for name, body in bodies.items()}
@@ -100,7 +103,8 @@ def _check(
             for warning in condensed(doubts):
                 log.warning("%s", warning)
             if folder and world.rank in near:
-                shown, number = (scene, bodies, interfaces, missing), near.index(world.rank)
+                shown = (scene, bodies, interfaces, missing)
+                number = near.index(world.rank)
                 if has_matplotlib():
                     names = draw(folder, *shown, number, len(near))
                     log.info("pictures in %s: %s", folder, ", ".join(names))
@@ -115,7 +119,8 @@ def _check(
 
 def _gather(assembly: Assembly) -> tuple[dict[str, Looked], list[Interface]]:
     """All bodies by name and all interfaces, in the scene's order, on each rank. Collective."""
-    world, scene = assembly.world, assembly.scene
+    world = assembly.world
+    scene = assembly.scene
     with agreed(world):
         local = {body.spec.name: _look(body, scene.units["length"]) for body in assembly.bodies}
     looked = merged(world, local)
@@ -144,7 +149,10 @@ def _overlaps(assembly: Assembly) -> list[str]:
 
 def _look(body: Body, unit: str) -> Looked:
     """A body's mesh, loads and supports, with the words about them; `unit` of length. Not collective."""
-    mesh, spec, member, boundary = body.mesh, body.spec, body.member, Boundary.of(body.mesh)
+    mesh = body.mesh
+    spec = body.spec
+    member = body.member
+    boundary = Boundary.of(mesh)
     loads = [
         (history, on, f)
         for history in (None, *histories(spec))
@@ -199,7 +207,8 @@ def _describe_mesh(mesh: Mesh) -> str:
 
 def _describe_motions(body: Body) -> Iterator[str]:
     """How a body can move if nothing touches it, in words."""
-    name, member = body.spec.name, body.member
+    name = body.spec.name
+    member = body.member
     if not member.elasticity.supported:
         of_body = MotionsOfBody.of(name, body.mesh.points, member.motions)
         said = [
@@ -304,7 +313,8 @@ def _page(
 
 def _describe_rigid(rigid: Rigid) -> Iterator[str]:
     """How a rigid partner moves, in words."""
-    follows, plain = _following(rigid.history), np.zeros(1)
+    follows = _following(rigid.history)
+    plain = np.zeros(1)
     for how, value in ("moved", rigid.displacement), ("pushed", rigid.force):
         if value and any(value):
             yield f"{how} by {_vector(value, plain)}{follows}"

@@ -157,13 +157,15 @@ class Costs:
 
 def _seconds(low: float, high: float) -> str:
     """A range of seconds, or one number."""
-    one, other = f"{low:.2g}", f"{high:.2g}"
+    one = f"{low:.2g}"
+    other = f"{high:.2g}"
     return f"{one} s" if one == other else f"{one} to {other} s"
 
 
 def measure_speed() -> Speed:
     """That of this process, in 0.05 s. Not collective."""
-    matrix, vector = np.ones((600, 600)), np.ones(2_000_000)
+    matrix = np.ones((600, 600))
+    vector = np.ones(2_000_000)
     python, product, memory = REFERENCE
     return Speed(
         _best(_count) / python,
@@ -191,13 +193,16 @@ def _best(work: Callable[[], object]) -> float:
 def forecast(assembly: Assembly, measured: Mapping[str, float], drawn: bool) -> Costs:
     """The costs of a run on the ranks of an `assembly` that is not factored, whose phases mesh and assemble took as
     `measured` (s) on this rank, with pictures if they are `drawn`. Collective."""
-    world, scene = assembly.world, assembly.scene
-    pictures, steps = _pictures(scene) if drawn else (0, 0), _steps(scene)
+    world = assembly.world
+    scene = assembly.scene
+    pictures = _pictures(scene) if drawn else (0, 0)
+    steps = _steps(scene)
     made = _made(assembly.bodies)
     own = [_load(*each, scene.far) for each in zip(assembly.bodies, made, strict=True)]
     everyone = world.allgather((own, measure_speed(), dict(measured), peak_memory() * MIB))
     speed = Speed(*(max(each) for each in zip(*(rank[1] for rank in everyone), strict=True)))
-    found, memory = list[dict[str, Range]](), list[float]()
+    found = list[dict[str, Range]]()
+    memory = list[float]()
     for rank, (loads, _, seconds, now) in enumerate(everyone):
         found.append(_serial(scene, loads, len(loads) + len(scene.contact), speed))
         met = [
@@ -235,9 +240,11 @@ def _held(scene: Settled, loads: Sequence[Load]) -> float:
 
 def _made(bodies: Sequence[Body]) -> list[bool]:
     """Whether a body's direct solver is that of an alike one before it, with the same A and candidates."""
-    found, made = set(), list[bool]()
+    found = set()
+    made = list[bool]()
     for body in bodies:
-        A, B = body.member.elasticity.A, body.member.body.B
+        A = body.member.elasticity.A
+        B = body.member.body.B
         alike = id(A), *(part.tobytes() for part in (B.indptr, B.indices, B.data))
         made.append(alike in found and body.member.body.kind != "iterative")
         found.add(alike)
@@ -246,9 +253,14 @@ def _made(bodies: Sequence[Body]) -> list[bool]:
 
 def _load(body: Body, made: bool, far: bool) -> Load:
     """What the costs of a body depend on, whose solver an alike one before it has `made`, in bodies that move `far`."""
-    member, mesh = body.member, body.mesh
-    A, kind, k, rows = member.elasticity.A, member.body.kind, member.size, member.body.B.shape[0]
-    n, dense = A.size[0], kind == "explicit"
+    member = body.member
+    mesh = body.mesh
+    A = member.elasticity.A
+    kind = member.body.kind
+    k = member.size
+    rows = member.body.B.shape[0]
+    n = A.size[0]
+    dense = kind == "explicit"
     solver = (
         memory_of_multigrid(A)
         if kind == "iterative"
@@ -275,7 +287,8 @@ COPIES = 1.5  # of C, half of which is read; twice as many if bodies move far
 
 def _serial(scene: Settled, loads: Sequence[Load], parts: int, speed: Speed) -> dict[str, Range]:
     """The phases of one rank with these bodies, and with so many `parts` of them and contacts, but for the files."""
-    steps, both = _steps(scene), (0, 1)
+    steps = _steps(scene)
+    both = (0, 1)
     more = 1.0, 1.0 if scene.method.outer == "newton" else PUBLISHED
     each = speed.python * (2e-4 + 6e-5 * parts)
 
@@ -316,7 +329,8 @@ def _steps(scene: Settled) -> tuple[float, float]:
     """The least and the most load steps that are likely."""
     if scene.time is None:
         return 1.0, 1.0
-    legs, steps = len(scene.time.points), scene.time.steps
+    legs = len(scene.time.points)
+    steps = scene.time.steps
     low, high = (steps, steps) if steps else LEGS
     return legs * low, legs * high
 
@@ -325,7 +339,8 @@ def _factor(load: Load, speed: Speed) -> float:
     """Seconds to make factors, with C where it is dense, or multigrid."""
     if load.kind == "iterative":
         return speed.memory * SETUP * load.entries
-    d, dense = load.dimension, load.kind == "explicit"
+    d = load.dimension
+    dense = load.kind == "explicit"
     work = FACTOR[d] * load.n ** GROWTH[d] * (1.0 if dense else PLAIN)
     work += dense * CONDENSE * load.rows**3
     return speed.python * (3e-3 + EACH[0][d] * load.n) + (
@@ -381,7 +396,8 @@ LARGEST = 6  # number of contacts with pictures of their own
 
 def _output(loads: Sequence[Load], pictures: tuple[int, int], speed: Speed) -> float:
     """Seconds of files and pictures."""
-    cells, (plain, maps) = sum(load.cells for load in loads), pictures
+    cells = sum(load.cells for load in loads)
+    plain, maps = pictures
     drawn = (0.1 + 0.16 * plain + 0.35 * maps + 1e-6 * cells) * bool(plain + maps)
     return speed.python * (0.05 + 2e-6 * cells + drawn)
 

@@ -35,7 +35,8 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
 
     Raises InputError for a file that gmsh cannot read or mesh, and TakenError where a scene would be overwritten.
     """
-    path, folder = Path(assembly).resolve(), Path(output)
+    path = Path(assembly).resolve()
+    folder = Path(output)
     target = folder / "scene.toml"
     if os.path.lexists(target):
         raise TakenError(
@@ -51,12 +52,14 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
     missing = [lack for lack in missing if not is_of_shank(lack, bolts)]
     units = {"length_unit": "mm", "stress_unit": "MPa"}
     text = write_toml({"title": path.stem, "body": bodies, "output": units})
-    taken, contacts = set[str](), list[str]()
+    taken = set[str]()
+    contacts = list[str]()
     for lack in missing:
         contacts.append(lack.lines(taken))
         words.append(f"  contact of {' and '.join(lack.bodies)}: on = {lack.sides}")
     for bolt in bolts:
-        thread, pull = _thread(bolt, boundaries), bolt.pretension
+        thread = _thread(bolt, boundaries)
+        pull = bolt.pretension
         lines = thread.lines(taken, f"{bolt.bodies[1]}-thread", kind="bonded", pretension=pull)
         contacts.append(lines + MISSING_FORCE * bool(pull))
         words.append(f"  thread of {bolt.bodies[1]} in {bolt.bodies[0]}: on = {thread.sides}")
@@ -83,7 +86,10 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
 def _bodies(parts: Sequence[Drawn], geometry: str) -> tuple[list[dict], list[str]]:
     """The bodies of a scene, and words about them."""
     labels = [part.label for part in parts]
-    bodies, words, names, taken = list[dict](), list[str](), dict[int, str](), set[str]()
+    bodies = list[dict]()
+    words = list[str]()
+    names = dict[int, str]()
+    taken = set[str]()
     for part in parts:
         alone = labels.count(part.label) == 1 and bool(part.label)
         alone &= not part.label.startswith(NAMELESS)
@@ -112,7 +118,8 @@ def _boundaries(
     parts: Sequence[Drawn], bodies: Sequence[dict], path: Path, dimension: int
 ) -> dict[str, Boundary]:
     """The boundaries of bodies by name; of equal ones one is meshed."""
-    meshes, boundaries = dict[str, Mesh](), dict[str, Boundary]()
+    meshes = dict[str, Mesh]()
+    boundaries = dict[str, Boundary]()
     for part, body in zip(parts, bodies, strict=True):
         if part.copy:
             frame = part.copy.frame(1.0, dimension)
@@ -120,7 +127,8 @@ def _boundaries(
         else:
             drawn = body | {"mesh": body["mesh"] | {"geometry": str(path), "order": 1}}
             mesh = build_mesh(msgspec.convert(drawn, BodySpec).settled(1, dimension))
-        meshes[body["name"]], boundaries[body["name"]] = mesh, Boundary.of(mesh)
+        meshes[body["name"]] = mesh
+        boundaries[body["name"]] = Boundary.of(mesh)
     return boundaries
 
 

@@ -101,13 +101,12 @@ class Plan(Sheet):
         colours = {name: GROUPS[k % len(GROUPS)] for k, name in enumerate(names)}
         self.show(meshed(self, list(bodies.values()), colours))
         far = np.full(2, 1e3 * max(np.abs(body.mesh.points).max() for body in bodies.values()))
-        hidden, taken = list[str](), [far]
+        hidden = list[str]()
+        taken = [far]
         for called, name, boundary, some in groups:
-            points, middle, normal = (
-                bodies[called].mesh.points,
-                boundary.at[some].mean(axis=1),
-                boundary.normal[some],
-            )
+            points = bodies[called].mesh.points
+            middle = boundary.at[some].mean(axis=1)
+            normal = boundary.normal[some]
             if not self.view.solid:
                 self.lines(
                     points[segments(boundary.facets[some])],
@@ -186,7 +185,8 @@ def draw(
     drawers: int = 1,
 ) -> list[str]:
     """Write the pictures, or a share of them for several `drawers`; all names. Not collective. Raises OutputError."""
-    plt, results = start_drawing(), as_results(scene, bodies, interfaces)
+    plt = start_drawing()
+    results = as_results(scene, bodies, interfaces)
     pictures: dict[str, Callable[[], Any]] = {"bodies.png": lambda: draw_bodies(results, bodies)}
     if scene.dimension > 2:
         pictures["bodies_behind.png"] = lambda: draw_bodies(results, bodies, behind=True)
@@ -216,7 +216,8 @@ def as_results(
     scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]
 ) -> Results:
     """Bodies and contacts at rest, in the form of results, for the pictures of a run."""
-    meshes, plain_scene = [body.mesh for body in bodies.values()], scene.resolved()
+    meshes = [body.mesh for body in bodies.values()]
+    plain_scene = scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     points = np.concatenate([mesh.points for mesh in meshes])
     tables = {
@@ -254,7 +255,8 @@ def as_results(
 
 def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
     """Meshes with their groups, loads and clamps; a figure."""
-    plan, looked = _plan(results, behind), list(bodies.values())
+    plan = _plan(results, behind)
+    looked = list(bodies.values())
     plan.show_groups(bodies, NAMED)
     inside = middles(results)
     words = _point_loads(plan, looked, results.summary["units"]["stress"])
@@ -342,7 +344,8 @@ def draw_contacts(
     """Contacts with their pairing and gaps, and missing ones; a figure."""
     from matplotlib.lines import Line2D
 
-    plan, skin = _plan(results), skin_of(results)
+    plan = _plan(results)
+    skin = skin_of(results)
     plan.rigid = []  # they would hide contacts
     gaps = np.concatenate(
         [np.zeros(int(not interfaces)), *(interface.gap for interface in interfaces)]
@@ -442,11 +445,10 @@ def stresses(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points (k, d) on the group `on`, its load at them (Pa), and outward vectors; from nodal loads (nv, d)."""
     some = body.boundary.groups[on]
-    facets, normal = body.boundary.facets[some], body.boundary.normal[some]
-    nodes, area = (
-        np.unique(facets),
-        nodal(facet_shares(body.mesh.points[facets], body.mesh.axisymmetric), facets, len(f)),
-    )
+    facets = body.boundary.facets[some]
+    normal = body.boundary.normal[some]
+    nodes = np.unique(facets)
+    area = nodal(facet_shares(body.mesh.points[facets], body.mesh.axisymmetric), facets, len(f))
     outward = nodal(np.repeat(normal[:, None], facets.shape[1], axis=1), facets, len(f))
     at, (force, around, outward) = thinned(
         body.mesh.points[nodes], size, f[nodes], area[nodes], outward[nodes]

@@ -64,7 +64,8 @@ def pieces_of(body: str, boundary: Boundary) -> list[Piece]:
 
 def _smooth(boundary: Boundary, some: np.ndarray) -> np.ndarray:
     """The number (f,) from 1 on of the part without corners that each of `some` facets (f,) bool is of; of others 0."""
-    corners, number = boundary.facets[:, : boundary.at.shape[1]], np.zeros(len(some), int)
+    corners = boundary.facets[:, : boundary.at.shape[1]]
+    number = np.zeros(len(some), int)
     points = np.zeros((corners.max() + 1, boundary.at.shape[2]))
     points[corners] = boundary.at
     bends = creases(points, corners[some], boundary.normal[some])
@@ -75,10 +76,14 @@ def _smooth(boundary: Boundary, some: np.ndarray) -> np.ndarray:
 
 def face_of(boundary: Boundary, some: np.ndarray) -> Face:
     """What some facets, a mask or numbers, are of which no drawing says it: plane, or around a centre or an axis."""
-    at, normal = boundary.at[some], boundary.normal[some]
-    points, d = at.reshape(-1, at.shape[-1]), at.shape[-1]
-    low, high = points.min(axis=0), points.max(axis=0)
-    kind, radius = ("line", "plane")[d - 2], 0.0
+    at = boundary.at[some]
+    normal = boundary.normal[some]
+    points = at.reshape(-1, at.shape[-1])
+    d = at.shape[-1]
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    kind = ("line", "plane")[d - 2]
+    radius = 0.0
     if np.ptp(normal, axis=0).max() > FLAT:
         across = np.linalg.eigh(np.einsum("ki,kj->ij", normal, normal))[1][:, 1:]
         ways = [np.eye(d), across][: d - 1]  # a sphere, or a circle; else a cylinder
@@ -104,7 +109,8 @@ def _radius(points: np.ndarray) -> float:
 def describe_face(boundary: Boundary, some: np.ndarray, face: Face, unit: str) -> str:
     """What a face is: "plane, normal +z, 314 mm², about (0, 0, 5)". Not collective."""
     d = boundary.at.shape[-1]
-    at, normal = boundary.at[some].mean(axis=1), boundary.normal[some]
+    at = boundary.at[some].mean(axis=1)
+    normal = boundary.normal[some]
     measures = facet_measures(boundary.at[some])
     middle, mean = (measures @ values / measures.sum() for values in (at, normal))
     words = [face.kind]

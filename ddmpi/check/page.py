@@ -56,7 +56,8 @@ def write_check(
     results = as_results(scene, bodies, interfaces)
     shown = _with_contacts(results, interfaces)
     pieces = [piece for name, body in bodies.items() for piece in pieces_of(name, body.boundary)]
-    arrays, scenery = Arrays(), _Scenery(shown, bodies, pieces)
+    arrays = Arrays()
+    scenery = _Scenery(shown, bodies, pieces)
     scenery.put(arrays)
     told = _Told(scene, results.summary["scene"], bodies, interfaces, missing)
     roles = np.array([0, *(told.role(piece) for piece in pieces)])
@@ -102,9 +103,11 @@ def _field(name: str, title: str, colours: list[str], labels: Sequence[str] = ()
 
 def _with_contacts(results: Results, interfaces: Sequence[Interface]) -> Results:
     """Results with the columns that show contacts: normals, areas, and gaps on their surfaces."""
-    tables, surfaces = {}, {}
+    tables = {}
+    surfaces = {}
     for interface in interfaces:
-        row, outline = interface.lines.row, interface.drawing.outline
+        row = interface.lines.row
+        outline = interface.drawing.outline
         normal = dict(zip(("nx", "ny", "nz"), interface.normal[row].T, strict=False))
         area = {"area": interface.lines.area}
         tables[interface.name] = results.contacts[interface.name] | normal | area
@@ -136,7 +139,8 @@ def _put_gaps(
     factor, unit_of = scaled_unit(np.abs(gap).max(), results.summary["units"]["length"])
     arrays.places["gap0"]["high"] /= factor
     arrays.places["gap0"]["low"] /= factor
-    low, high = gap.min() / factor, gap.max() / factor
+    low = gap.min() / factor
+    high = gap.max() / factor
     yield _field("gap", "gaps, overlaps below 0", [f"#{each}" for each in GAPS.split()]) | {
         "unit": unit_of,
         "painted": True,
@@ -160,9 +164,15 @@ class _Scenery:
     def __init__(
         self, results: Results, bodies: Mapping[str, Looked], pieces: Sequence[Piece]
     ) -> None:
-        self._results, self._view = results, View(results.points, _asked(results))
+        self._results = results
+        self._view = View(results.points, _asked(results))
         self.extent = float(np.ptp(results.points, axis=0).max())
-        points, triangles, edges, face, owner, first = [], [], [], [], [], 0
+        points = []
+        triangles = []
+        edges = []
+        face = []
+        owner = []
+        first = 0
         for k, (name, body) in enumerate(bodies.items()):
             number = np.zeros(len(body.boundary.facets), int)
             for j, piece in enumerate(pieces, 1):
@@ -176,9 +186,12 @@ class _Scenery:
             face.append(of)
             owner.append(np.full(len(at), k))
             first += len(at)
-        self.face, self._owner = np.concatenate(face), np.concatenate(owner)
-        self._points, self._triangles = np.vstack(points), np.vstack(triangles)
-        self._edges, drawn = np.vstack(edges), len(self._triangles)
+        self.face = np.concatenate(face)
+        self._owner = np.concatenate(owner)
+        self._points = np.vstack(points)
+        self._triangles = np.vstack(triangles)
+        self._edges = np.vstack(edges)
+        drawn = len(self._triangles)
         self._coarsen()
         left = len(self._triangles)
         self.coarsened = f"; coarsened from {drawn:,} to {left:,} triangles" * (left < drawn)
@@ -187,18 +200,22 @@ class _Scenery:
 
     def _coarsen(self) -> None:
         """Make corners in one cube of a grid one, if there are more than MOST triangles."""
-        cubes, low = FINEST, self._points.min(axis=0)
+        cubes = FINEST
+        low = self._points.min(axis=0)
         while len(self._triangles) > MOST:
             grid = np.floor((self._points - low) * (cubes / self.extent)).astype(int)
             keys = np.column_stack([self.face, self._owner, grid])
             _, kept, number = np.unique(keys, axis=0, return_index=True, return_inverse=True)
             number = number.ravel()
-            triangles, edges = number[self._triangles], number[self._edges]
+            triangles = number[self._triangles]
+            edges = number[self._edges]
             whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)
             self._triangles = triangles[whole]
             self._edges = edges[edges[:, 0] != edges[:, 1]]
-            self._points, self.face = self._points[kept], self.face[kept]
-            self._owner, cubes = self._owner[kept], cubes / 1.5
+            self._points = self._points[kept]
+            self.face = self.face[kept]
+            self._owner = self._owner[kept]
+            cubes /= 1.5
 
     def put(self, arrays: Arrays) -> None:
         """Put points, triangles and edges into the arrays."""
@@ -212,11 +229,14 @@ class _Scenery:
 
     def head(self) -> dict[str, Any]:
         """What the script reads of the bodies."""
-        results, turned = self._results, self._results.axisymmetric
-        low, high = self._points.min(axis=0), self._points.max(axis=0)
+        results = self._results
+        turned = results.axisymmetric
+        low = self._points.min(axis=0)
+        high = self._points.max(axis=0)
         eye = self._view.axes[2]
         if turned:  # all around; seen into the quarter that is left out
-            low[[0, 2]], high[[0, 2]] = -high[0], high[0]
+            low[[0, 2]] = -high[0]
+            high[[0, 2]] = high[0]
             eye = np.array([0.43, -0.75, 0.5])
         return {
             "times": [0.0],
@@ -257,15 +277,18 @@ def _flat(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Points (k, 3), triangles (t, 3), edges (e, 2) and pieces (k,) of a body in the plane: its cells, and unless they
     are `turned` around an axis, ribbons of this width along its boundary."""
-    mesh, facets = body.mesh, body.boundary.facets
+    mesh = body.mesh
+    facets = body.boundary.facets
     cells = linear_parts(mesh.triangles, 2)[0]
     lines, facet = linear_parts(facets, 1)
     of = number[facet]
     key, ends = np.unique(
         np.column_stack([of.repeat(2), lines.ravel()]), axis=0, return_inverse=True
     )
-    outer, ends = in_space(mesh.points[key[:, 1]]), ends.reshape(-1, 2) + len(mesh.points)
-    points, face = [in_space(mesh.points), outer], [np.zeros(len(mesh.points), int), key[:, 0]]
+    outer = in_space(mesh.points[key[:, 1]])
+    ends = ends.reshape(-1, 2) + len(mesh.points)
+    points = [in_space(mesh.points), outer]
+    face = [np.zeros(len(mesh.points), int), key[:, 0]]
     if not turned:
         across = normals(mesh.points[lines])[:, None].repeat(2, axis=1)
         inward = -width * in_space(unit(nodal(across, ends - len(mesh.points), len(key))))
@@ -282,12 +305,12 @@ def _flat(
 def _parted(results: Results, view: View) -> np.ndarray:
     """Shifts (parts, 3) that take the parts of the scene apart: `apart` along contacts, others away from the middle, or
     one beyond the other where they have one middle."""
-    shifts, points, owner = apart(results, view), in_space(results.points), owners(results)
-    middle, extent, names = (
-        points.mean(axis=0),
-        np.ptp(points, axis=0),
-        list(results.summary["bodies"]),
-    )
+    shifts = apart(results, view)
+    points = in_space(results.points)
+    owner = owners(results)
+    middle = points.mean(axis=0)
+    extent = np.ptp(points, axis=0)
+    names = list(results.summary["bodies"])
     along = np.eye(3)[2 if view.solid else int(results.axisymmetric)]
     for k, name in enumerate(names):
         if np.linalg.norm(shifts[name]) > ALIKE * extent.max() or len(names) == 1:
@@ -403,7 +426,8 @@ def _arrows(
     words: str, colour: str, at: np.ndarray, along: np.ndarray, owner: np.ndarray, wide: float
 ) -> _Sign:
     """Arrows from places (k, d) along vectors (k, d), of bodies (k,)."""
-    at, along = in_space(at), in_space(along)
+    at = in_space(at)
+    along = in_space(along)
     first = unit(np.cross(along, np.eye(3)[np.abs(along).argmin(axis=1)]))
     second = unit(np.cross(along, first))
     axes = np.stack([along, wide * first, wide * second], axis=1)
@@ -438,7 +462,8 @@ class _Told:
         missing: Sequence[Missing],
     ) -> None:
         """Of a scene, also as `plain` data."""
-        self._units, self._bodies = scene.units, bodies
+        self._units = scene.units
+        self._bodies = bodies
         self._plain = {body["name"]: body for body in plain["body"]}
         gaps = [describe_gap(interface, scene.units["length"]) for interface in interfaces]
         self._contacts = [
@@ -480,15 +505,17 @@ class _Told:
         acting = self._acting(piece)
         loaded = any(words.startswith("load") for words in acting)
         held = any(not words.startswith("load") for words in acting)
-        touching, proposed = any(self._touching(piece)), any(self._proposed(piece))
+        touching = any(self._touching(piece))
+        proposed = any(self._proposed(piece))
         return 4 if held else 3 if loaded else 2 if proposed else int(touching)
 
     def of(self, piece: Piece) -> dict[str, Any]:
         """What the page shows of a piece once it is clicked."""
-        boundary, mesh = self._bodies[piece.body].boundary, self._bodies[piece.body].mesh
+        body = self._bodies[piece.body]
+        boundary = body.boundary
         length = self._units["length"]
         name = piece.names[0] if piece.names else ""
-        face = mesh.faces.get(name) or face_of(boundary, piece.some)
+        face = body.mesh.faces.get(name) or face_of(boundary, piece.some)
         size = np.ptp(boundary.at[piece.some], axis=(0, 1))
         size[size < ALIKE * size.max()] = 0.0
         told = [
@@ -505,7 +532,8 @@ class _Told:
                 0, "this boundary has no name; give it one in the mesh to clamp, load or join it"
             )
             return shown | {"name": "no name"}
-        plain, on = self._plain[piece.body], piece.on
+        plain = self._plain[piece.body]
+        on = piece.on
         load = [*plain["traction"], {"on": on, "pressure": 1.0}]
         groups = boundary.groups
         same = {each for each in piece.names if (groups[each] == groups[name]).all()} | {str(on)}

@@ -36,9 +36,12 @@ class Acts:
 
     def __init__(self, matter: Matter, pieces: Sequence[Piece], cuts: Sequence[Cut]) -> None:
         model = matter.model
-        self.model, self.notes, self.matter = model, model.notes, matter
+        self.model = model
+        self.notes = model.notes
+        self.matter = matter
         self.kinds = model.kinds
-        self.pieces, self.cuts = pieces, cuts
+        self.pieces = pieces
+        self.cuts = cuts
         self.axisymmetric = matter.family == "CAX"
         self.axes = "xyz" if matter.family == "C3D" else "xy"
         self.histories: dict[Course, str] = {}
@@ -112,7 +115,8 @@ class Acts:
 
     def way(self, node: int, component: int) -> np.ndarray:
         """(3,) the direction of a component of displacements or forces at a node; from 7 on one of `ways`."""
-        turned, home = self.model.transforms.get(node), self.home.get(node)
+        turned = self.model.transforms.get(node)
+        home = self.home.get(node)
         at = home.points[home.place[node]] if home else self.model.deck.points[node]
         own = np.eye(3) if turned is None else axes(turned, at)
         return [*own, *[own[0]] * 3, *self.ways][component - 1]
@@ -129,7 +133,8 @@ class Acts:
         for (node, component), acting in self.kinds["supports"].items():
             if node not in piece.place or node in self.rigid_nodes:
                 continue
-            place, (value, history) = piece.place[node], self.factor(acting)
+            place = piece.place[node]
+            value, history = self.factor(acting)
             fixed = zero[node] >= len(self.axes)
             way, sign = self._direction(node, component)
             if fixed and component <= len(self.axes):  # directions do not matter
@@ -167,11 +172,13 @@ class Acts:
 
     def _turning(self, node: int, component: int) -> tuple[Any, ...]:
         """The formulas of the direction of a component that turns with the place, about an axis; none of others."""
-        card, d = self.model.transforms[node], len(self.axes)
+        card = self.model.transforms[node]
+        d = len(self.axes)
         if card.says("TYPE", "R")[:1] != "C" or component > 2:
             return ()
         # (I - t tT) (x - a) or t x (x - a), of the axis t through a
-        on, along = vector(card.values(), 6)[:3], axes(card, (0.0, 0.0, 0.0))[2]
+        on = vector(card.values(), 6)[:3]
+        along = axes(card, (0.0, 0.0, 0.0))[2]
         across = np.eye(3) - np.outer(along, along)
         turn = (across if component == 1 else np.cross(along, np.eye(3)).T)[:d]
         turn[np.abs(turn) < KEEPS] = 0.0
@@ -183,7 +190,8 @@ class Acts:
         together: dict[tuple[bytes, str | None, Any], tuple[np.ndarray, dict[str, Any]]] = {}
         for way in sorted(at, key=lambda way: (isinstance(way, tuple), str(way))):
             for (_, history), held in at[way].items():
-                places, values = np.array(sorted(held)), np.array([held[k] for k in sorted(held)])
+                places = np.array(sorted(held))
+                values = np.array([held[k] for k in sorted(held)])
                 for some, value in _alike(piece, places, values):
                     entry = (
                         {"along": list(way), "value": value}
@@ -224,7 +232,8 @@ class Acts:
                     words = f"a pressure that is not given at node {way[0]}"
                     self.notes.add("lost", acting.card, words)
                     continue
-                acting, way = self.kinds["supports"][at], ()
+                acting = self.kinds["supports"][at]
+                way = ()
             if (element, face) not in self.where:
                 if acting.moves:
                     words = "a pressure on a face that is not on a boundary"
@@ -280,10 +289,8 @@ class Acts:
         for (node, component), acting in self.kinds["forces"].items():
             value, history = self.factor(acting)
             if self.home.get(node) is piece and node not in self.rigid_nodes and value:
-                k, way = (
-                    piece.place[node],
-                    self._flat(acting.card, self.way(node, component)),
-                )
+                k = piece.place[node]
+                way = self._flat(acting.card, self.way(node, component))
                 by_history[history][k] = (
                     by_history[history].get(k, 0.0) + value * way / self.matter.depth
                 )
@@ -315,8 +322,10 @@ class Acts:
         far as the facets reach. S J = that moment, with J = ∫ (x − c) ⊗ (x − c)."""
         x, w = piece.quadrature(facets, self.axisymmetric)
         centre = w @ x / w.sum()
-        J, moments = ((x - centre).T * w) @ (x - centre), forces.T @ (at - centre)
-        total, size = forces.sum(axis=0), np.abs(forces).sum() * np.ptp(x, axis=0).max()
+        J = ((x - centre).T * w) @ (x - centre)
+        moments = forces.T @ (at - centre)
+        total = forces.sum(axis=0)
+        size = np.abs(forces).sum() * np.ptp(x, axis=0).max()
         loads: list[dict[str, Any]] = []
         if np.abs(total).max() > EXACT * np.abs(forces).sum():
             loads.append({"force": [float(value) for value in total]})
@@ -336,9 +345,11 @@ class Acts:
         """Gravity, centrifugal and other forces per volume of a body, as formulas; all must have one history."""
         # by history: the first keyword, and c and the rows of Sᵀ (1 + d, d) of f = c + S x
         fields: dict[str | None, tuple[Card, np.ndarray]] = {}
-        own, d = set(piece.elements.tolist()), len(self.axes)
+        own = set(piece.elements.tolist())
+        d = len(self.axes)
         for (what, scope, label, field), acting in self.kinds["body_forces"].items():
-            (value, history), card = self.factor(acting), acting.card
+            value, history = self.factor(acting)
+            card = acting.card
             some = self.model.deck.chosen(card._replace(scope=scope), "ELSET", what) & own
             if not some or not value:
                 continue
@@ -411,9 +422,11 @@ class Acts:
     def _warmed(self, piece: Piece, own: Sequence[int]) -> tuple[np.ndarray, str | None]:
         """(2, n) temperatures of a body at first and at the end, of which its `own` nodes change, and their history."""
         start, _ = self.model.temperatures(piece.nodes.tolist())
-        end, histories = start.copy(), set[str | None]()
+        end = start.copy()
+        histories = set[str | None]()
         for node in own:
-            k, acting = piece.place[node], self.kinds["heat"][node]
+            k = piece.place[node]
+            acting = self.kinds["heat"][node]
             # courses begin at zero; temperatures at the initial one
             warm = tuple((time, value - start[k] if time else 0.0) for time, value in acting.course)
             rise, history = self.factor(acting._replace(course=warm))
@@ -448,9 +461,11 @@ class Acts:
                 "the thermal strain of the table is folded into the expansion and the temperature"
             )
             self.notes.add("changed", expansion, words)
-        zero, order = number(expansion.given.get("ZERO") or "0"), np.argsort(at)
+        zero = number(expansion.given.get("ZERO") or "0")
+        order = np.argsort(at)
         grown = np.diff(np.interp(T, at[order], direct[order, most]) * (T - zero), axis=0)[0]
-        alpha, (start, end) = float(direct[0, most]) or 1.0, T[:, 0]
+        alpha = float(direct[0, most]) or 1.0
+        start, end = T[:, 0]
         if not np.ptp(T, axis=1).any() and end != start:
             alpha = float(grown[0] / (end - start))
         return (grown / alpha if alpha else grown), alpha * along

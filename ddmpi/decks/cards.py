@@ -411,7 +411,8 @@ class Notes:
     """What became of the keywords: each with the list in which it is, "taken", "changed" or "lost", and the reason."""
 
     def __init__(self, main: Path) -> None:
-        self.main, self.entries = main, list[tuple[str, Card, str]]()
+        self.main = main
+        self.entries = list[tuple[str, Card, str]]()
         self.cases = False  # whether it would help to import one step alone
 
     def add(self, which: str, card: Card, reason: str) -> None:
@@ -453,10 +454,12 @@ class Instance(NamedTuple):
 def _headed(line: str, number: int, path: Path) -> Card:
     """A keyword with its parameters, and without data. Raises InputError for a parameter with two values."""
     word, *rest = line[1:].split(",")
-    name, given = " ".join(word.split()).upper(), dict[str, str]()
+    name = " ".join(word.split()).upper()
+    given = dict[str, str]()
     card = Card(name.replace(" ", ""), given, [], number, path, name)
     for key, _, value in (entry.partition("=") for entry in rest):
-        key, value = "".join(key.split()).upper(), value.strip().strip('"')
+        key = "".join(key.split()).upper()
+        value = value.strip().strip('"')
         if key and given.setdefault(key, value) != value:
             raise InputError(card.tells(f"it has two {key}"))
     return card
@@ -489,7 +492,8 @@ def factors(amplitude: Card) -> np.ndarray:
 def axes(card: Card, place: Sequence[float] = ()) -> np.ndarray:
     """(3, 3) the directions of *TRANSFORM or *ORIENTATION at a place, as rows: along the first of two vectors, in their
     plane and across it; or radial, around and along the axis of a cylinder. Raises DeckError for others."""
-    row, kind = card.values(), card.says("TYPE", "R")[:1]
+    row = card.values()
+    kind = card.says("TYPE", "R")[:1]
     a, b = vector(row, 6).reshape(2, 3)
     third = b - a if kind == "C" else np.cross(a, b)
     if (

@@ -85,10 +85,14 @@ class Equations:
     """
 
     def __init__(self, acts: Acts) -> None:
-        self.acts, self.notes, self.model = acts, acts.notes, acts.model
-        self.supports, self.bonds = acts.kinds["supports"], list[dict[str, Any]]()
+        self.acts = acts
+        self.notes = acts.notes
+        self.model = acts.model
+        self.supports = acts.kinds["supports"]
+        self.bonds = list[dict[str, Any]]()
         self.ways = list[tuple[np.ndarray, np.ndarray]]()
-        self.left, self.own = dict(self.model.equations), acts.rigid_nodes | self.model.bolt_nodes
+        self.left = dict(self.model.equations)
+        self.own = acts.rigid_nodes | self.model.bolt_nodes
         while any([self._known(key) for key in [*self.left]]):
             pass
         for _, terms in self.model.equations.values():
@@ -97,7 +101,8 @@ class Equations:
         for (node, k), acting in self.supports.items():
             if node in acts.home and not acting.moves:
                 self.held[node].append(acts.way(node, k)[: len(acts.axes)])
-        rank, d = np.linalg.matrix_rank, len(acts.axes)
+        rank = np.linalg.matrix_rank
+        d = len(acts.axes)
         self.fixed = {node for node, ways in self.held.items() if rank(ways) == d}
         pairs = defaultdict[Any, list[list[Row]]](list)
         for nodes, group in self._groups().items():
@@ -112,7 +117,8 @@ class Equations:
     def _groups(self) -> dict[frozenset[int], list[Row]]:
         """The rows that hang together by their components, by their nodes."""
         rows = [row for one in self.left.values() for row in self._rows(*one)]
-        groups, found = defaultdict[int, list[Row]](list), defaultdict[Any, list[Row]](list)
+        groups = defaultdict[int, list[Row]](list)
+        found = defaultdict[Any, list[Row]](list)
         for number, row in zip(connected(np.array([row.dofs for row in rows])), rows, strict=True):
             groups[number].append(row)
         for group in groups.values():
@@ -151,19 +157,19 @@ class Equations:
 
     def _rows(self, card: Card, terms: Sequence[tuple[int, int, float]]) -> list[Row]:
         """The equation of two nodes as a row; none, as it is lost, of others."""
-        of, others = defaultdict[int, Any](float), list[tuple[Acting, float]]()
+        of = defaultdict[int, Any](float)
+        others = list[tuple[Acting, float]]()
         free = {node for node, k, _ in terms if (node, k) not in self.supports}
         for node, k, c in terms:
             if len(free) == 2 and node not in free:
                 others.append((self.supports[node, k], c))
             else:
                 of[node] = of[node] + c * self.acts.way(node, k)[: len(self.acts.axes)]
-        moving, moved = (
-            [node for node, v in of.items() if v.any()],
-            [x for x in others if x[0].moves],
-        )
+        moving = [node for node, v in of.items() if v.any()]
+        moved = [x for x in others if x[0].moves]
         if len(moving) == 2 and len(moved) < 2:
-            (one, two), size = moving, np.linalg.norm(of[moving[0]])
+            one, two = moving
+            size = np.linalg.norm(of[moving[0]])
             row = Row(card, (one, two), np.append(of[one], of[two]) / size)
             return [row._replace(given=given, c=float(-c / size)) for given, c in moved] or [row]
         if moving or any(k < 3 for _, k, _ in terms):  # all others are out of the plane
@@ -173,7 +179,8 @@ class Equations:
     def _as_one(self, rows: Sequence[Row], nodes: frozenset[int]) -> str:
         """Write the rigid set of nodes that move as one along the normal of their flat face, or along all axes; the
         reason where they are none."""
-        model, body = self.model, {node for node in nodes if node in self.acts.home}
+        model = self.model
+        body = {node for node in nodes if node in self.acts.home}
         sides = np.array([row.v for row in rows]).reshape(len(rows), 2, -1)
         if any(row.given for row in rows):
             return "displacements that differ by a given one, of no pairs"
@@ -225,7 +232,8 @@ class Equations:
         a, b = np.array([one[0].nodes for one in left]).T
         here = first.points[np.searchsorted(first.nodes, a)]
         there = second.points[np.searchsorted(second.nodes, b)]
-        off, close = here - there @ tie.Q.T, CLOSE * np.ptp(first.points)
+        off = here - there @ tie.Q.T
+        close = CLOSE * np.ptp(first.points)
         near = np.linalg.norm(off - off[tie.lead], axis=1) <= close
         fits = np.array(
             [at and self._says(one, tie) for one, at in zip(left, near, strict=True)], bool
@@ -285,7 +293,8 @@ class Equations:
         held = [np.append(way, 0.0 * way) for way in one] + [
             np.append(0.0 * way, way) for way in two
         ]
-        bond, said = [*tie.rows], [row.v for row in rows]
+        bond = [*tie.rows]
+        said = [row.v for row in rows]
         every = (held + said, held + bond, held + said + bond)
         return len({int(np.linalg.matrix_rank(some, CLOSE)) for some in every}) == 1
 
@@ -319,10 +328,12 @@ def _turn(rows: Sequence[Row]) -> np.ndarray | None:
 
 def _image(Q: np.ndarray, t: np.ndarray, close: float) -> tuple[str, dict[str, Any]]:
     """The image at x¹ = Q x² + t as an entry of a contact, none where both are at one place; or why it is none."""
-    d, whole = len(t), np.eye(3)
+    d = len(t)
+    whole = np.eye(3)
     whole[:d, :d] = Q
     turn = Rotation.from_matrix(whole).as_rotvec(degrees=True)
-    angle, pivot = np.linalg.norm(turn), np.linalg.pinv(np.eye(d) - Q, CLOSE) @ t
+    angle = np.linalg.norm(turn)
+    pivot = np.linalg.pinv(np.eye(d) - Q, CLOSE) @ t
     if np.abs(Q - np.eye(d)).max() <= CLOSE:
         return "", {"image": {"shift": t.tolist()}} if np.linalg.norm(t) > close else {}
     sectors = round(360.0 / angle)

@@ -31,9 +31,13 @@ class Joints:
     """What joins the bodies of a deck, as entries of a scene."""
 
     def __init__(self, acts: Acts) -> None:
-        self.acts, self.notes, self.model, self.deck = acts, acts.notes, acts.model, acts.model.deck
+        self.acts = acts
+        self.notes = acts.notes
+        self.model = acts.model
+        self.deck = acts.model.deck
         self.kinds = acts.kinds
-        self.cleared, self.turned = list[Card](), list[Card]()
+        self.cleared = list[Card]()
+        self.turned = list[Card]()
         self.met: list[tuple[Card, Laws, dict[str, set[int]]]] = []  # faces in contact so far
 
     def unmet(self) -> None:
@@ -143,7 +147,8 @@ class Joints:
 
     def _law(self, card: Card) -> Laws:
         """Of a pair of surfaces. Raises InputError."""
-        law, name = dict[str, Card](), ""
+        law = dict[str, Card]()
+        name = ""
         if card.word != "TIE":
             name = card.name_of("INTERACTION").upper()
             if name not in self.model.interactions:
@@ -245,7 +250,8 @@ class Joints:
             heights = np.concatenate(found)
             sides = np.diff(slave.points[slave.facets[on][:, :2]], axis=1)
             reach = number(word) if word else 0.05 * float(np.median(np.linalg.norm(sides, axis=2)))
-            near, far = heights.min(initial=np.inf), heights.max(initial=0.0)
+            near = heights.min(initial=np.inf)
+            far = heights.max(initial=0.0)
             if word and near > reach:
                 self.notes.add(
                     "lost", card, f"a tie over a gap of {near:.3g}, beyond its tolerance"
@@ -269,7 +275,8 @@ class Joints:
             if reason := self._no_bolt(card, node, [*map(len, (sides, others))] == [1, 1]):
                 self.notes.add("lost", card, reason)
                 continue
-            ((piece, facets),), ((other, against),) = sides, others
+            ((piece, facets),) = sides
+            ((other, against),) = others
             bond: dict[str, Any] = {"bodies": [piece.name, other.name], "kind": "bonded"}
             on = [piece.group(facets, "section"), other.group(against, "section")]
             yield bond | {"on": on} | self._pulled(card, node, piece.outward(facets))
@@ -340,7 +347,8 @@ def _image(wheel: Card, slave: np.ndarray, master: np.ndarray) -> dict[str, Any]
         count = number(wheel.given.get("N", "0"))
         if count < 2 or count % 1:
             raise DeckError("N is a whole number of sectors from 2 on")
-    pivot, axis = place[:3], place[3:] - place[:3]
+    pivot = place[:3]
+    axis = place[3:] - place[:3]
     unit = axis / np.linalg.norm(axis)
 
     def off(turn: float) -> float:

@@ -15,7 +15,8 @@ from ddmpi.errors import InputError
 
 def table(card: Card, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Values (k, width) of a material and the temperatures (k,) at which they hold; continued lines are joined."""
-    lines, row = [], list[float]()
+    lines = []
+    row = list[float]()
     with card.reading():
         for words in card.rows:
             row += numbers(words)
@@ -32,7 +33,9 @@ class Matter:
     """The materials of a deck as a scene has them, plane ones by the `family` of the elements."""
 
     def __init__(self, model: Model, family: str) -> None:
-        self.model, self.notes, self.family = model, model.notes, family
+        self.model = model
+        self.notes = model.notes
+        self.family = family
         self.owner: dict[int, int] = {}  # section by element; the last one counts
         for k, (members, _, thick, _, card) in enumerate(model.sections):
             if card.word != "CHANGESOLIDSECTION":
@@ -147,7 +150,8 @@ class Matter:
                 "changed", card, "moduli at the mean temperature of each element at the end"
             )
         if width == 2:
-            E, nu = float(row[0]), float(row[1])
+            E = float(row[0])
+            nu = float(row[1])
             if not directed:
                 return {"young": E, "poisson": nu}
             return self._orthotropic(np.repeat([E, nu, 0.5 * E / (1.0 + nu)], 3), axes, card)
@@ -170,7 +174,8 @@ class Matter:
         return self._orthotropic(row, axes, card)
 
     def _orthotropic(self, row: np.ndarray, axes: np.ndarray, card: Card) -> dict[str, Any]:
-        plain, turned = np.allclose(axes, np.eye(3)), {}
+        plain = np.allclose(axes, np.eye(3))
+        turned = {}
         if self.family == "C3D" and axes.any():
             turned = {} if plain else {"axes": axes[:2].tolist()}
         elif self.family != "CAX" and abs(axes[2, 2]) == 1.0:  # the third axis is z

@@ -68,7 +68,8 @@ class Model:
     """
 
     def __init__(self, deck: Deck, notes: Notes, amplitudes: Iterable[str] = ()) -> None:
-        self.deck, self.notes = deck, notes
+        self.deck = deck
+        self.notes = notes
         self.materials: dict[str, dict[str, Card]] = {}
         self.sections: list[tuple[set[int], str, float, str, Card]] = []
         self.pairs: list[tuple[Card, str, str]] = []
@@ -119,7 +120,8 @@ class Model:
         self.rigid_nodes = set[int]()  # reference nodes of rigid sets, and their nodes of rotations
         self._coupling: Rigid | None = None  # a *COUPLING before its second keyword
         # the material or interaction whose keywords follow
-        self._within, self._inside = "", dict[str, Card]()
+        self._within = ""
+        self._inside = dict[str, Card]()
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
         self._since = 0  # place of the first card of this step
@@ -167,7 +169,8 @@ class Model:
 
     def temperatures(self, nodes: Sequence[int]) -> tuple[np.ndarray, np.ndarray]:
         """(n,) the temperatures of nodes at first and at the end."""
-        first, heat = [self.start.get(node, 0.0) for node in nodes], self.kinds["heat"]
+        first = [self.start.get(node, 0.0) for node in nodes]
+        heat = self.kinds["heat"]
         return np.array(first), np.array(
             [
                 heat[node].course[-1][1] if node in heat else before
@@ -227,7 +230,8 @@ class Model:
     def _steps(self) -> list[list[Card]]:
         """The keywords of each step; those outside of steps are taken. Raises InputError."""
         steps: list[list[Card]] = []
-        inside, early = None, list[Card]()
+        inside = None
+        early = list[Card]()
         for card in self.deck.cards:
             if card.word == "STEP":
                 if inside is not None:
@@ -277,11 +281,14 @@ class Model:
             self.notes.add(
                 "changed", cards[0], "warning: NLGEOM: displacements and strains are small here"
             )
-        self._renewed, self._opened, self._since = set(), {}, cards[0].place
+        self._renewed = set()
+        self._opened = {}
+        self._since = cards[0].place
         for card in cards:
             self._take(card)
         for kind, acting in self.kinds.items():
-            fresh, self._fresh[kind] = self._fresh[kind], {}
+            fresh = self._fresh[kind]
+            self._fresh[kind] = {}
             for key in dict.fromkeys([*acting, *fresh]):
                 nothing = Acting(way, ((0.0, 0.0), (begin, 0.0))[: 1 + bool(begin)])
                 if kind == "supports" and self.ends and key not in acting:
@@ -307,7 +314,8 @@ class Model:
             self.changing.append((card, "a support that ends before a later step"))
             return None
         elif kind in self._renewed:
-            value, on = 0.0, [(end, 0.0)]
+            value = 0.0
+            on = [(end, 0.0)]
         course = (*old.course, *on)
         if course[-1][0] != end:  # it stays
             course = (*course, (end, course[-1][1]))
@@ -328,7 +336,8 @@ class Model:
         if called(name) not in self._named:
             raise InputError(card.tells(f"there is no *AMPLITUDE {name}"))
         given = self._named[called(name)]
-        way, form = given.says("DEFINITION", "TABULAR"), given.says("VALUE")
+        way = given.says("DEFINITION", "TABULAR")
+        form = given.says("VALUE")
         if way != "TABULAR" or "USER" in given.given or form == "ABSOLUTE":
             self.notes.add(
                 "lost",
@@ -378,7 +387,8 @@ class Model:
     def _on_material(self, card: Card) -> None:
         of = self.materials if card.word == "MATERIAL" else self.interactions
         name = called(card.given["NAME"]).upper()
-        self._within, self._inside = card.word, of.setdefault(name, {card.word: card})
+        self._within = card.word
+        self._inside = of.setdefault(name, {card.word: card})
         other = self._inside[card.word]
         if other.place != card.place:
             raise DeckError(
@@ -433,7 +443,8 @@ class Model:
 
     def _on_changefriction(self, card: Card) -> None:
         """The keyword after it gives what changes of an interaction, over this step."""
-        self._changed, self._within = card.name_of("INTERACTION").upper(), card.word
+        self._changed = card.name_of("INTERACTION").upper()
+        self._within = card.word
         if self._changed not in self.interactions:
             raise DeckError(f"there is no *SURFACE INTERACTION {self._changed}")
         self._inside = self.interactions[self._changed]
@@ -581,17 +592,21 @@ class Model:
             self._renew(kind, card)
         before = self._pulled()
         for row in card.rows:
-            what, label, values = row[0], row[1].upper(), numbers(row[2:])
+            what = row[0]
+            label = row[1].upper()
+            values = numbers(row[2:])
             way: tuple[float, ...] = ()
             ends: Iterable[tuple[int, int]] = ()
             if surface and label in ("P", "TRVEC"):
-                ends, words = self.deck.ends(card, what), "pressure on a surface"
+                ends = self.deck.ends(card, what)
+                words = "pressure on a surface"
                 way = (*along(values[1:4]).tolist(),) if label == "TRVEC" else ()
             elif not surface and re.fullmatch(r"P\d(NP)?", label):
                 ends = product(self.deck.chosen(card, "ELSET", what), [int(label[1])])
                 words = "pressure"
                 if label[2:]:  # P1NP is that of a fluid at a node, the second component there
-                    way, values = (self.node(card, row[2]),), [0.0]
+                    way = (self.node(card, row[2]),)
+                    values = [0.0]
             elif not surface and label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
                 words = "volume force"
                 self._body_force(card, what, label, values)
@@ -621,7 +636,8 @@ class Model:
             constant = along(values[1:4])
         else:
             constant = np.eye(3)["XYZ".index(label[1])]
-        way, key = (*constant, *slopes.ravel()), (called(what), card.scope, label)
+        way = (*constant, *slopes.ravel())
+        key = (called(what), card.scope, label)
         acting = {} if "body_forces" in self._renewed else self.kinds["body_forces"]
         if any(one[:3] == key and one[3] != way and load.value for one, load in acting.items()):
             words = f"{label} adds to that of the step before, which has another direction or axis"
@@ -646,7 +662,8 @@ class Model:
             self.rigid.append(Rigid(card, nodes, ref, turn))
 
     def _on_coupling(self, card: Card) -> None:
-        ref, name = self.node(card, card.given["REFNODE"]), card.given["SURFACE"]
+        ref = self.node(card, card.given["REFNODE"])
+        name = card.given["SURFACE"]
         try:
             nodes = self.deck.chosen(card, "NODES", name)
         except DeckError:
@@ -657,7 +674,8 @@ class Model:
     def _on_kinematic(self, card: Card) -> None:
         if self._coupling is None:
             raise DeckError("it does not follow *COUPLING")
-        nodes, spread = self._coupling, card.word == "DISTRIBUTING"
+        nodes = self._coupling
+        spread = card.word == "DISTRIBUTING"
         self.rigid.append(nodes._replace(spread=spread))
         self._coupling = None
         if card.says("WEIGHTINGMETHOD", "UNIFORM") != "UNIFORM":

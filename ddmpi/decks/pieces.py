@@ -25,7 +25,8 @@ these elements, where that is a body of its own."""
 def own_name(text: str, taken: Iterable[str]) -> str:
     """A name of letters, digits, dashes and underscores that is not among the `taken`."""
     base = re.sub(r"[^\w-]+", "_", text).strip("_")[:60] or "x"
-    lower, names = {name.lower() for name in taken}, (f"{base}_{k}" for k in itertools.count(2))
+    lower = {name.lower() for name in taken}
+    names = (f"{base}_{k}" for k in itertools.count(2))
     return next(name for name in itertools.chain([base], names) if name.lower() not in lower)
 
 
@@ -84,12 +85,10 @@ def cut(
 
     The rows, and the nodes at the section and around the layer. The nodes have `numbers` (m,) and `points` (m, d).
     """
-    nodes, layer = (
-        nodes_of_faces(blocks, ends),
-        np.isin(
-            np.concatenate([block.entries[:, 0] for block in blocks]),
-            [element for element, _ in ends],
-        ),
+    nodes = nodes_of_faces(blocks, ends)
+    layer = np.isin(
+        np.concatenate([block.entries[:, 0] for block in blocks]),
+        [element for element, _ in ends],
     )
     section = np.unique(nodes[nodes >= 0])
     if not layer.any():
@@ -100,7 +99,8 @@ def cut(
     )
     heights = (middles - at.mean(axis=0)) @ np.linalg.svd(at - at.mean(axis=0))[2][-1]
     apart = _apart(rows, heights * heights[layer].mean() > 0.0, section)
-    piece, here = connected(apart), np.isin(apart, section).any(axis=1)
+    piece = connected(apart)
+    here = np.isin(apart, section).any(axis=1)
     if not np.intersect1d(piece[here], piece[(apart != rows).any(axis=1)]).size:
         return apart, section, np.empty(0, int)
     around = np.setdiff1d(np.intersect1d(apart[layer], apart[~layer]), [-1])
@@ -110,18 +110,18 @@ def cut(
 def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
     """The nodes (f, 8) of all faces of elements, corners in the first four columns, then middles of the sides, −1 where
     there are fewer; and the element and the number of each face (f, 2)."""
-    found, owners = [], []
+    found = []
+    owners = []
     for block in blocks:
-        nodes, number = block.entries[:, 1:], corners(block.kind)
+        nodes = block.entries[:, 1:]
+        number = corners(block.kind)
         sides = {frozenset(side): number + k for k, side in enumerate(SIDES[shape(block.kind)])}
         for k, face in enumerate(faces(block.kind), 1):
             around = list(zip(face, face[1:] + face[:1], strict=True)) if len(face) > 2 else [face]
             middles = [sides[frozenset(side)] for side in around] if nodes.shape[1] > number else []
             rows = np.full((len(nodes), 8), -1)
-            rows[:, : len(face)], rows[:, 4 : 4 + len(middles)] = (
-                nodes[:, list(face)],
-                nodes[:, middles],
-            )
+            rows[:, : len(face)] = nodes[:, list(face)]
+            rows[:, 4 : 4 + len(middles)] = nodes[:, middles]
             found.append(rows)
             owners.append(np.column_stack([block.entries[:, 0], np.full(len(nodes), k)]))
     return np.concatenate(found), np.concatenate(owners)
@@ -135,7 +135,8 @@ def nodes_of_faces(blocks: Sequence[Block], ends: set[tuple[int, int]]) -> np.nd
 
 def _apart(rows: np.ndarray, own: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """The `rows` (k, n), of which the `own` (k,) ones have other numbers for the `nodes`."""
-    some, rows = own[:, None] & np.isin(rows, nodes), rows.copy()
+    some = own[:, None] & np.isin(rows, nodes)
+    rows = rows.copy()
     rows[some] = rows.max() + 1 + np.unique(rows[some], return_inverse=True)[1].ravel()
     return rows
 
@@ -156,7 +157,8 @@ class Piece:
     def __init__(
         self, name: str, blocks: list[Block], numbers: np.ndarray, points: np.ndarray
     ) -> None:
-        self.name, self.blocks = name, blocks
+        self.name = name
+        self.blocks = blocks
         self.elements = np.concatenate([block.entries[:, 0] for block in blocks])
         self.nodes = np.unique(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]))
         self.points = points[np.searchsorted(numbers, self.nodes)]
@@ -214,10 +216,8 @@ class Piece:
         hang together, else those around nodes that hang together; and the nodes that have no facet."""
         marked = np.zeros(len(self.nodes) + 1, bool)
         marked[loaded] = marked[-1] = True
-        ends, middles = (
-            marked[self.facets[:, :4]].all(axis=1),
-            marked[self.facets[:, 4:]].all(axis=1),
-        )
+        ends = marked[self.facets[:, :4]].all(axis=1)
+        middles = marked[self.facets[:, 4:]].all(axis=1)
         # consistent loads of quadratic tetrahedra are at the middles of sides alone
         whole = ends | (middles & (self.facets[:, 4] >= 0))
         found: list[tuple[np.ndarray, np.ndarray]] = []
@@ -235,7 +235,8 @@ class Piece:
 
     def quadrature(self, facets: np.ndarray, around: bool) -> tuple[np.ndarray, np.ndarray]:
         """Points (q, d) and weights (q,) on straight facets; with the circumference if `around` an axis."""
-        corners, d = self._simplices(facets), self.points.shape[1]
+        corners = self._simplices(facets)
+        d = self.points.shape[1]
         inner = (
             1.0 - (d + 1) ** -0.5
         ) / d  # d points in each: exact for squares, in the plane for cubes
@@ -259,7 +260,8 @@ class Piece:
 
     def outward(self, facets: np.ndarray) -> np.ndarray:
         """The unit normal (d,) of the first of these facets, away from the middle of the body."""
-        normal, at = self.normals(facets[:1])[0], self.facets[facets[0], : self.points.shape[1]]
+        normal = self.normals(facets[:1])[0]
+        at = self.facets[facets[0], : self.points.shape[1]]
         return normal * np.sign((self.points[at].mean(axis=0) - self.points.mean(axis=0)) @ normal)
 
     def middle(self, facets: np.ndarray) -> np.ndarray:
@@ -270,11 +272,10 @@ class Piece:
     def heights(self, facets: np.ndarray, master: Piece, against: np.ndarray) -> np.ndarray:
         """(k,) distances of the nodes of these facets from the facets `against` of the master below or above them."""
         corners = master._simplices(against)
-        edges, normals = corners[:, 1:] - corners[:, :1], _normals(corners)
-        inverse, found = (
-            np.linalg.pinv(edges),
-            [],
-        )  # of the edges along a facet: coordinates of a place in it
+        edges = corners[:, 1:] - corners[:, :1]
+        normals = _normals(corners)
+        inverse = np.linalg.pinv(edges)  # by which edges give the coordinates of a place in a facet
+        found = []
         for place in set(self.facets[facets].ravel().tolist()) - {-1}:
             off = self.points[place] - corners[:, 0]
             at = np.einsum("fd,fde->fe", off, inverse)

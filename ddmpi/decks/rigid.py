@@ -33,7 +33,10 @@ class RigidSets:
     """
 
     def __init__(self, acts: Acts) -> None:
-        self.acts, self.notes, self.model, self.kinds = acts, acts.notes, acts.model, acts.kinds
+        self.acts = acts
+        self.notes = acts.notes
+        self.model = acts.model
+        self.kinds = acts.kinds
         self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
         self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
         self.partners: list[dict[str, Any]] = []
@@ -48,7 +51,8 @@ class RigidSets:
 
     def _apart(self, sets: Sequence[Rigid]) -> str:
         """Why sets with one reference node are not one rigid body of a scene; empty if they are."""
-        first, nodes = sets[0], set().union(*(one.nodes for one in sets))
+        first = sets[0]
+        nodes = set().union(*(one.nodes for one in sets))
         others = (_crossing(first, nodes, one) for one in self.model.rigid if one.ref != first.ref)
         if reason := next(filter(None, others), ""):
             return reason
@@ -72,7 +76,8 @@ class RigidSets:
             facets = self._around(sets, own)
             if facets is None:
                 return "its nodes are no whole faces of one body"
-            rigid, faces = rigid._replace(spread=True), [(own[0][0], facets)]
+            rigid = rigid._replace(spread=True)
+            faces = [(own[0][0], facets)]
         if reason := self._take(rigid, faces):
             return reason
         words = "forces spread over a face" if rigid.spread else "a face that moves as a rigid one"
@@ -107,7 +112,8 @@ class RigidSets:
         (held, of_held), (loads, of_loads) = (
             self._parts(kind, rigid) for kind in ("supports", "forces")
         )
-        d, both = len(self.acts.axes), np.nan_to_num([held, loads])
+        d = len(self.acts.axes)
+        both = np.nan_to_num([held, loads])
         within = [0, 1, 5] if d == 2 else [*range(6)]
         if both[:, 6:].any():
             return "a node of rotations has components 1 to 3 alone"
@@ -116,7 +122,8 @@ class RigidSets:
         if len(of_held | of_loads) > 1:
             self.notes.cases = len(self.model.ends) > 1
             return "its loads and displacements change in different ways"
-        held, loads = held[within], both[1, within] / self.acts.matter.depth
+        held = held[within]
+        loads = both[1, within] / self.acts.matter.depth
         more = later(next(iter(of_held | of_loads), None))
         turn = float(np.linalg.norm(both[0, within[d:]]))
         if self.model.large and turn > SMALL_TURN:
@@ -139,7 +146,9 @@ class RigidSets:
         more: dict[str, Any],
     ) -> str:
         """Write a rigid partner that moves as forces want, where displacements `held` are not given (NaN)."""
-        d, given, held = len(pivot), ~np.isnan(held), np.nan_to_num(held)
+        d = len(pivot)
+        given = ~np.isnan(held)
+        held = np.nan_to_num(held)
         if given[d:].any() and not given[d:].all():
             return "some of its turns are given, and others are free"
         if held[d:].any():
@@ -171,7 +180,8 @@ class RigidSets:
         """The surface of a rigid partner: of one flat face in space its plane, which pictures show; else none, as of two
         faces, also parallel ones of one body, of which a plane would meet one alone."""
         (piece, facets), *others = faces
-        normal, places = piece.outward(facets), piece.facets[facets]
+        normal = piece.outward(facets)
+        places = piece.facets[facets]
         points = piece.points[places[places >= 0]]
         off = np.abs((points - points[0]) @ normal).max()
         if (
@@ -195,10 +205,14 @@ class RigidSets:
             return "it spreads forces over several bodies; how they divide is not known"
         if not np.isnan(held).all():
             return "a distributing coupling whose reference node is held"
-        ((piece, facets),), d = faces, len(self.acts.axes)
-        (force, moment), (x, w) = np.split(loads, [d]), piece.quadrature(facets, False)
-        pivot, centre = np.array(self.model.deck.points[rigid.ref][:d]), w @ x / w.sum()
-        arm, wide = pivot - centre, np.abs([pivot, centre]).max()
+        ((piece, facets),) = faces
+        d = len(self.acts.axes)
+        force, moment = np.split(loads, [d])
+        x, w = piece.quadrature(facets, False)
+        pivot = np.array(self.model.deck.points[rigid.ref][:d])
+        centre = w @ x / w.sum()
+        arm = pivot - centre
+        wide = np.abs([pivot, centre]).max()
         # about the centre of the faces
         moment = moment + (
             np.cross(arm, force) if d == 3 else arm[0] * force[1] - arm[1] * force[0]
@@ -215,7 +229,8 @@ class RigidSets:
         self, faces: Sequence[Face], held: np.ndarray, pivot: np.ndarray, more: dict[str, Any]
     ) -> None:
         """Write a rigid motion that is given: u = u_r + θ × (x − x_r)."""
-        d, axes = len(pivot), self.acts.axes
+        d = len(pivot)
+        axes = self.acts.axes
         shift, turn = np.split(held, [d])
         turn = turn if d == 3 else np.array([0.0, 0.0, turn[0]])
         slopes = np.cross(turn, np.eye(3))[:d, :d]  # row k: ∂u/∂x_k
@@ -229,7 +244,8 @@ class RigidSets:
     def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, set[str | None]]:
         """Shifts or forces, and turns or moments of the reference nodes, and what has no meaning (9,), NaN where there
         is none; and the histories of those that are not zero."""
-        values, histories = np.full(9, np.nan), set[str | None]()
+        values = np.full(9, np.nan)
+        histories = set[str | None]()
         apart = rigid.turn != rigid.ref
         for (node, component), acting in self.kinds[kind].items():
             if node in (rigid.ref, rigid.turn):

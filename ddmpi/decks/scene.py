@@ -78,7 +78,8 @@ class Importer:
 
     def _pieces(self, blocks: Sequence[Block]) -> list[Piece]:
         """The bodies of these elements. Raises DeckError where nodes are not there."""
-        (numbers, points), rows = self.deck.placed(), rows_of(blocks)
+        numbers, points = self.deck.placed()
+        rows = rows_of(blocks)
         points = points if self.family == "C3D" else points[:, :2]
         for block in blocks:
             refuse_lost(block.entries, numbers)
@@ -101,7 +102,8 @@ class Importer:
 
     def _elements(self) -> tuple[str, list[Block]]:
         """The family of the elements that a scene may have, and these. Raises InputError where there are none."""
-        notes, families = self.notes, defaultdict[str, list[Block]](list)
+        notes = self.notes
+        families = defaultdict[str, list[Block]](list)
         for card in self.deck.odd:
             notes.add("lost", card, f"elements of type {card.given.get('TYPE', '(none)')}")
         for block in self.deck.blocks:
@@ -141,7 +143,8 @@ class Importer:
 
     def _in_scene(self, block: Block, kept: bool) -> tuple[str | None, list[str]]:
         """The integration that elements have in a scene, and what changes in them; of bodies that are `kept` whole."""
-        name, linear = block.card.says("TYPE"), block.kind in CUT
+        name = block.card.says("TYPE")
+        linear = block.kind in CUT
         fits = FAMILIES.match(name)
         assert fits
         changed = [f"{name} as {block.name}: {VARIANTS[fits[3]]}"] if VARIANTS[fits[3]] else []
@@ -175,9 +178,13 @@ class Importer:
 
     def scene(self, title: str) -> dict[str, Any]:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
-        acts, equations = self.acts, Equations(self.acts)
-        tractions, joints, sets = acts.loads(), Joints(acts), RigidSets(acts)
-        bodies, stiffest = [], 0.0
+        acts = self.acts
+        equations = Equations(self.acts)
+        tractions = acts.loads()
+        joints = Joints(acts)
+        sets = RigidSets(acts)
+        bodies = []
+        stiffest = 0.0
         for piece in self.pieces:
             heat, expansions = acts.heat(piece)
             materials = self.matter.of(piece, expansions)
@@ -243,7 +250,8 @@ def import_deck(
     Raises InputError for a deck that is no scene; if loads, supports or contacts were lost, unless `partial`; and
     TakenError where a file would be overwritten.
     """
-    path, folder = Path(deck), Path(output)
+    path = Path(deck)
+    folder = Path(output)
     try:
         importer = Importer(path, amplitudes)
         scene = importer.scene(path.stem)

@@ -57,7 +57,8 @@ def list_drawn(path: Path, label: str) -> tuple[int, list[Drawn]]:
 def _list_drawn(gmsh) -> tuple[int, list[Drawn]]:
     """The dimension and the bodies of a drawing that is open."""
     d = max(int(gmsh.model.getDimension()), 2)
-    originals, drawn = list[_Solid](), list[Drawn]()
+    originals = list[_Solid]()
+    drawn = list[Drawn]()
     for _, tag in gmsh.model.getEntities(d):
         solid = _solid(gmsh, tag) if d == 3 else None
         found = (_copy(gmsh, of, solid) for of in originals if solid)
@@ -70,7 +71,8 @@ def _list_drawn(gmsh) -> tuple[int, list[Drawn]]:
 
 
 def _solid(gmsh, tag: int) -> _Solid:
-    occ, tags = gmsh.model.occ, [abs(face) for _, face in gmsh.model.getBoundary([(3, tag)])]
+    occ = gmsh.model.occ
+    tags = [abs(face) for _, face in gmsh.model.getBoundary([(3, tag)])]
     return _Solid(
         tag,
         occ.getMass(3, tag),
@@ -103,8 +105,10 @@ def _rotations(one: _Solid, other: _Solid, alike: np.ndarray, near: float) -> It
     """Rotations (3, 3) that take the centres of two faces of one solid to those of the other, about the solids' own;
     first none at all. `alike` (f, f) tells which faces may be equal, and `near` is a distance (m) that does not count."""
     yield np.eye(3)
-    here, there = one.centres - one.centre, other.centres - other.centre
-    far, off = np.linalg.norm(here, axis=1), np.linalg.norm(there, axis=1)
+    here = one.centres - one.centre
+    there = other.centres - other.centre
+    far = np.linalg.norm(here, axis=1)
+    off = np.linalg.norm(there, axis=1)
     alike = alike & (np.abs(far[:, None] - off) < near)
     rare = alike.sum(axis=1)
     aside = np.linalg.norm(np.cross(here[:, None], here), axis=2) > near * far.max()
@@ -134,7 +138,8 @@ def _across(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 def _basis(along: np.ndarray, aside: np.ndarray) -> np.ndarray:
     """A right-handed orthonormal basis (3, 3), in columns, with two orthogonal vectors as its first and its last."""
-    along, aside = along / np.linalg.norm(along), aside / np.linalg.norm(aside)
+    along = along / np.linalg.norm(along)
+    aside = aside / np.linalg.norm(aside)
     return np.column_stack([along, np.cross(aside, along), aside])
 
 
@@ -142,13 +147,15 @@ def _written(number: int, turned: np.ndarray, shift: np.ndarray, size: float) ->
     """The motion x ↦ turned x + shift as a scene has it, of `number`, with numbers without rounding; None if it is none.
     Its pivot is the place of its axis next to the origin."""
     rotation = Frame(shift, turned).turn
-    angle, digits = float(np.linalg.norm(rotation)), DIGITS - int(np.ceil(np.log10(size)))
+    angle = float(np.linalg.norm(rotation))
+    digits = DIGITS - int(np.ceil(np.log10(size)))
     if round(angle, DEGREES) == 0.0:
         move = tuple((np.round(shift, digits) + 0.0).tolist())
         return Copy(of=str(number), shift=move) if any(move) else None
     axis = rotation / angle
     if axis[np.abs(axis).argmax()] < 0.0:
-        axis, angle = -axis, -angle
+        axis = -axis
+        angle = -angle
     along = shift @ axis * axis
     across = shift - along
     pivot = (across + np.cross(axis, across) / np.tan(np.radians(angle) / 2)) / 2

@@ -33,7 +33,8 @@ OFF = 1e22
 
 def material_numbers(mesh: Mesh, body: BodySpec) -> np.ndarray:
     """Which one of the body's materials each triangle (nt,) has. Raises InputError unless each has exactly one."""
-    number, what = np.full(len(mesh.triangles), -1), PHYSICAL[mesh.dimension]
+    number = np.full(len(mesh.triangles), -1)
+    what = PHYSICAL[mesh.dimension]
     materials = [] if not isinstance(body.material, list) else body.material
     for k, on in (
         (k, material.on) for k, material in enumerate(materials) if material.on is not None
@@ -107,7 +108,8 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
             f"{key}: {name!r} has a corner at {at}, where it has no normal; make groups of what meets "
             "there, and clamp each along its normal"
         )
-    normal, nodes = corner_normals(mesh.points, corners), np.unique(corners)
+    normal = corner_normals(mesh.points, corners)
+    nodes = np.unique(corners)
     return nodes, normal[nodes]
 
 
@@ -145,9 +147,11 @@ def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Crea
     of_facet = cell_with(facets.shape[1], points.shape[1] - 1).facets
     sides = np.sort(np.concatenate([facets[:, side] for side in of_facet]), axis=1)
     nodes, number, count = np.unique(sides, axis=0, return_inverse=True, return_counts=True)
-    order, first = np.argsort(number.ravel(), kind="stable"), np.cumsum(count) - count
+    order = np.argsort(number.ravel(), kind="stable")
+    first = np.cumsum(count) - count
     first = first[count == 2]
-    a, b = order[first] % len(facets), order[first + 1] % len(facets)
+    a = order[first] % len(facets)
+    b = order[first + 1] % len(facets)
     ends = points[facets]
     normal = across(outward, ends[:, : points.shape[1]])[0]
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -233,7 +237,8 @@ def face_bend(gmsh, tag: int) -> tuple[float, float]:
 def keep_part(gmsh, part: str | int, label: str) -> None:
     """Remove all bodies but one from the drawing: a number, a physical group, or a label of a CAD program or of one of
     its assemblies. What is left keeps its numbers. Raises InputError unless exactly one body is meant."""
-    d, model = gmsh.model.getDimension(), gmsh.model
+    model = gmsh.model
+    d = model.getDimension()
     groups = [
         (k, model.getEntitiesForPhysicalGroup(k, group), group, model.getPhysicalName(k, group))
         for k, group in model.getPhysicalGroups()
@@ -295,12 +300,14 @@ def file_groups(
     Of a set of nodes the facets, or else the lines, and in any case its nodes. If the `cells` are a `part` of the file,
     only what belongs to them. Raises InputError where there is no group.
     """
-    d, kinds = cell.dimension, list[dict[str, np.ndarray]]()
+    d = cell.dimension
+    kinds = list[dict[str, np.ndarray]]()
     for dimension in range(d - 1, 0, -1):
         parts, _, element = (simplices if cell.simplex else bricks)(raw, dimension, raw.points)
         if part:
             own = _sides_of(cells, cell, parts)
-            parts, element = parts[own], element[own]
+            parts = parts[own]
+            element = element[own]
         groups = {}
         for name, members in file_members(raw, dimension).items():
             facets = parts[np.isin(element, members)]
@@ -371,8 +378,10 @@ def set_nodes(
     """By name the nodes of the mesh in `sets` of the file's nodes that no facet or line of the set has. `number` (nr,)
     is that of the file's nodes at corners, else −1; −1 also stands for middles of edges that a linear mesh lacks."""
     middles, ends = middle_nodes(raw, mesh.dimension)
-    asked, alone = np.isin(middles, np.concatenate([np.empty(0, int), *sets.values()])), {}
-    middles, ends = middles[asked], ends[asked]
+    asked = np.isin(middles, np.concatenate([np.empty(0, int), *sets.values()]))
+    alone = {}
+    middles = middles[asked]
+    ends = ends[asked]
     if mesh.order > 1 and len(middles):  # those of the mesh are where the file has them
         first = int(mesh.corners.max()) + 1
         number = number.copy()

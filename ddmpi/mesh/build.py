@@ -63,7 +63,8 @@ def build_mesh(
 
     Not collective. Raises InputError.
     """
-    spec, key = body.mesh, f"body.{body.name}.mesh"
+    spec = body.mesh
+    key = f"body.{body.name}.mesh"
     mesh = replace(_made(body, folder, contacts, sizes), integration=spec.integration or "")
     _refuse_integration(spec, mesh, f"{key}.integration", axisymmetric)
     if dimension not in (None, mesh.dimension):
@@ -91,7 +92,8 @@ def build_mesh(
 
 def _refuse_integration(spec: MeshSpec, mesh: Mesh, key: str, axisymmetric: bool) -> None:
     """Raise InputError where a mesh has another integration than its cells, their order or an axis allow."""
-    order, words = {"modes": 1, "reduced": 2}.get(spec.integration or ""), ""
+    order = {"modes": 1, "reduced": 2}.get(spec.integration or "")
+    words = ""
     if spec.integration and mesh.cell.simplex:
         words = f"belongs to bodies of quadrilaterals or hexahedra alone, all of them convex; this one has {mesh.cell.names}"
     elif order not in (None, spec.order):
@@ -104,7 +106,8 @@ def _refuse_integration(spec: MeshSpec, mesh: Mesh, key: str, axisymmetric: bool
 
 def _made(body: BodySpec, folder: Path, contacts: Collection[str], sizes: Sizes | None) -> Mesh:
     """The mesh as it is generated, read or drawn. Raises InputError."""
-    spec, key = body.mesh, f"body.{body.name}.mesh"
+    spec = body.mesh
+    key = f"body.{body.name}.mesh"
     if spec.drawn:
         from ddmpi.mesh.geometry import mesh_geometry
 
@@ -137,7 +140,8 @@ def content(body: BodySpec, folder: Path = Path(".")) -> bytes | None:
     path = locate_mesh(body, folder)
     if body.mesh.file in GIVEN:
         return str(path).encode()  # it has a digest
-    data, words = path.read_bytes(), NAMES_OTHERS.get(path.suffix.lower())
+    data = path.read_bytes()
+    words = NAMES_OTHERS.get(path.suffix.lower())
     return (
         None
         if words is not None and re.search(words, data, re.IGNORECASE)
@@ -166,7 +170,8 @@ def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
 
 def _refuse_huge(cells: float, names: str, key: str) -> None:
     """Raise InputError where free memory cannot hold so many cells and their stiffness."""
-    needed, free = EACH * cells, free_memory()
+    needed = EACH * cells
+    free = free_memory()
     if needed > free:
         raise InputError(
             f"{key}: {cells:.2g} {names} need more than {needed / 2**30:.2g} GiB of memory; "
@@ -207,9 +212,11 @@ def locate_mesh(body: BodySpec, folder: Path) -> Path:
     """The mesh or geometry of `body`, looked for in `folder`, then in the current directory. Raises InputError."""
     if body.mesh.file in GIVEN:
         return Path(str(body.mesh.file))
-    key, name = "geometry", Path(str(body.mesh.geometry))
+    key = "geometry"
+    name = Path(str(body.mesh.geometry))
     if body.mesh.geometry is None:
-        key, name = "file", Path(str(body.mesh.file))
+        key = "file"
+        name = Path(str(body.mesh.file))
     places = dict.fromkeys([folder / name, name])  # an absolute one stays what it is
     tried = []
     for place in places:

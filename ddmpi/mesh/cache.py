@@ -55,7 +55,8 @@ def opened(cache: bool | str) -> Iterator[None]:
 
 def _folder(cache: bool | str) -> Path | None:
     """The folder of a scene; None, with a word, where a link leads away from beside the results."""
-    parent, name = _parents[-1], FOLDER if cache is True else str(cache)
+    parent = _parents[-1]
+    name = FOLDER if cache is True else str(cache)
     folder = parent / name
     if Path(name).is_absolute() or ".." in Path(name).parts:  # of the command line
         return folder
@@ -90,11 +91,13 @@ def recall(name: str, target: Path) -> dict[str, Face] | None:
         with open(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
             if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
                 raise OSError
-            mac, data = file.read(SIZE), file.read()
+            mac = file.read(SIZE)
+            data = file.read()
     except FileNotFoundError:
         return None
     except OSError:
-        mac, data = b"", b""
+        mac = b""
+        data = b""
     if mac != _mac(data):
         _say(f"{path} is damaged, and not used")
         return None

@@ -433,7 +433,8 @@ class Cell:
         """The gradients (d, q, d, t) of λ_0 λ_1 of all factors, by the map of the middle times the ratio of both
         determinants, so that their integrals vanish: constant stresses do no work in them, whatever the cell's shape."""
         inverse, middle = invert(self.tangents(nodes, self.middle))
-        coordinates, (rest, first) = hats @ self._vertices, self._bases
+        coordinates = hats @ self._vertices
+        rest, first = self._bases
         slopes = coordinates[:, first] - coordinates[:, rest]
         return np.einsum("qa,act,qt->cqat", slopes, inverse[:, :, 0], middle / determinant)
 
@@ -466,8 +467,10 @@ def _means(shape: Shape, order: int) -> list[tuple[int, ...]]:
 
 def _lagrange(shapes: Mapping[int, Shape], dimension: int, order: int) -> Cell:
     """The cell of one of the shapes, with the nodes of `_means`."""
-    shape, facet = shapes[dimension], shapes.get(dimension - 1, POINT)
-    means, vertices = _means(shape, order), _vertices(shape)
+    shape = shapes[dimension]
+    facet = shapes.get(dimension - 1, POINT)
+    means = _means(shape, order)
+    vertices = _vertices(shape)
     number = {tuple(sorted(mean)): k for k, mean in enumerate(means)}
 
     def nodes_of(part: Shape, corners: tuple[int, ...]) -> list[int]:
@@ -500,7 +503,8 @@ def _integrated(cell: Cell, integration: str) -> Cell:
     """A brick with incompatible modes, or with reduced integration: by `samples`, with a little of the full rule so that
     no mode is without energy."""
     if integration == "reduced" and not cell.linear:
-        (points, few), (others, many) = cell.samples, cell.rule
+        points, few = cell.samples
+        others, many = cell.rule
         weights = np.concatenate([(1.0 - LITTLE) * few, LITTLE * many])
         return replace(cell, quadrature=(np.concatenate([points, others]), weights))
     return replace(cell, modes=True) if integration == "modes" and cell.linear else cell
@@ -539,7 +543,8 @@ def cross(rows: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
 
 
 def _determinant(rows: Sequence[Sequence[np.ndarray]]) -> np.ndarray:
-    first, rest = rows[0], rows[1:]
+    first = rows[0]
+    rest = rows[1:]
     if not rest:
         return first[0]
     terms = [

@@ -76,7 +76,8 @@ class Form(NamedTuple):
         if not found:
             return None
         kind, radius, normal, at = found.groups()
-        along, place = _numbers(normal), _numbers(at)
+        along = _numbers(normal)
+        place = _numbers(at)
         longest = np.abs(along).max() if normal else 1.0
         sizes = float(radius or 1.0), longest
         if not np.isfinite([*sizes, *place]).all() or min(sizes) <= 0.0:
@@ -147,7 +148,8 @@ def _refuse_missing(
     label: str,
 ) -> None:
     """Raise InputError where a name that is `wanted` is none of those of `_called`."""
-    kinds, names = ("point", "curve", "face"), {name for name, _ in tagged}
+    kinds = ("point", "curve", "face")
+    names = {name for name, _ in tagged}
     for missing in wanted:
         if missing not in names:
             of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
@@ -163,11 +165,14 @@ def _face(gmsh, k: int, tag: int) -> Face:
         measure = gmsh.model.occ.getMass(k, tag)
         words = _words(gmsh, k, tag)
     except Exception:  # gmsh's own kernel knows neither areas nor distances
-        measure, words = curve_bend(gmsh, tag)[1] if k == 1 else 0.0, ""
+        measure = curve_bend(gmsh, tag)[1] if k == 1 else 0.0
+        words = ""
     place = _rounded(gmsh, box(gmsh, k, tag).mean(axis=0))
-    kind, axis = gmsh.model.getType(k, tag).lower(), tuple[tuple[float, ...], ...]()
+    kind = gmsh.model.getType(k, tag).lower()
+    axis = tuple[tuple[float, ...], ...]()
     if _kind(gmsh, k, tag) == "cylinder":
-        kind, axis = "cylinder", tuple(map(tuple, _axis(gmsh, k, tag).tolist()))
+        kind = "cylinder"
+        axis = tuple(map(tuple, _axis(gmsh, k, tag).tolist()))
     return Face(kind, _radius(gmsh, k, tag), measure, place, words, axis)
 
 
@@ -207,7 +212,8 @@ def _rounded(gmsh, at: np.ndarray) -> tuple[float, ...]:
 
 def _words(gmsh, k: int, tag: int) -> str:
     """A curve or a face by what it is, as `FORM` has it."""
-    radius, normal = _radius(gmsh, k, tag), _normal(gmsh, k, tag)
+    radius = _radius(gmsh, k, tag)
+    normal = _normal(gmsh, k, tag)
     words = _kind(gmsh, k, tag) + f" r={radius:.6g}" * bool(radius)
     if normal.any():
         words += f" n={in_words(np.round(normal, 6) + 0.0)}"
@@ -260,7 +266,8 @@ def _normal(gmsh, k: int, tag: int) -> np.ndarray:
 
 def _axis(gmsh, k: int, tag: int) -> np.ndarray:
     """The ends (2, 3) of the axis of a cylinder, the centre (1, 3) of an arc or a sphere; of others nothing (0, 3)."""
-    kind, radius = _kind(gmsh, k, tag), _radius(gmsh, k, tag)
+    kind = _kind(gmsh, k, tag)
+    radius = _radius(gmsh, k, tag)
     if kind == "arc":
         begin, middle, end = samples(gmsh, tag)[[0, SAMPLES // 2, -1]]
         inward = begin + end - 2.0 * middle
@@ -299,7 +306,8 @@ def _fits(gmsh, form: Form, side: int) -> Iterator[_Fit]:
     try:
         for _, tag in gmsh.model.getEntities(side):
             unlike = form.kind not in (_kind(gmsh, side, tag), ("curve", "face")[side - 1])
-            radius, axis = _radius(gmsh, side, tag), _axis(gmsh, side, tag)
+            radius = _radius(gmsh, side, tag)
+            axis = _axis(gmsh, side, tag)
             other = bool(form.radius) and abs(form.radius - radius) > WITHIN * form.radius
             if form.normal.any():
                 other |= bool(np.linalg.norm(_normal(gmsh, side, tag) - form.normal) > WITHIN)
@@ -315,7 +323,8 @@ def _fits(gmsh, form: Form, side: int) -> Iterator[_Fit]:
 def _find(gmsh, form: Form, name: str, label: str) -> list[int]:
     """The numbers of the curves or faces that are meant: one, or all around the axis of the point. Raises InputError."""
     side = gmsh.model.getDimension() - 1
-    what, size = ("curve", "face")[side - 1], extent(gmsh)
+    what = ("curve", "face")[side - 1]
+    size = extent(gmsh)
     if not gmsh.model.occ.getEntities(side):
         raise InputError(
             f"{label} has no {what} {name!r}: gmsh finds {what}s by what they are in STEP and BREP files, and after "

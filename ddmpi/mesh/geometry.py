@@ -127,7 +127,8 @@ def mesh_geometry(
     with _opened(path, label) as (folder, source):
         groups = [*contacts], [acting.on for _, acting in body.acting]
         name = name_of(folder, script, asdict(body.mesh), groups, sizes) * (not _trusted())
-        faces, begun = recall(name, folder / DRAWN), time.monotonic()
+        faces = recall(name, folder / DRAWN)
+        begun = time.monotonic()
         if faces is None:
             doing = f"body.{body.name}: gmsh is meshing {path.name if path else body.mesh.shape}"
             faces = apart(folder, _draw, source, script, body, contacts, sizes, label, doing=doing)
@@ -147,7 +148,8 @@ def in_drawing(look: Callable[[Any], T], path: Path, label: str) -> T:
     """What a function of a module finds with gmsh in a drawing that has a body. Not collective. Raises InputError, which
     begins with `label`, for a file that gmsh cannot read."""
     with _opened(path, label) as (folder, source):
-        script, doing = path.suffix.lower() == ".geo", f"gmsh is reading {path.name}"
+        script = path.suffix.lower() == ".geo"
+        doing = f"gmsh is reading {path.name}"
         found: T = apart(folder, _look, look, source, script, label, doing=doing)
         return found
 
@@ -213,7 +215,8 @@ def _copy(path: Path, copies: dict[Path, Path], folder: Path, label: str) -> Pat
     includes; `copies` has those made so far. Raises InputError for a script that may do more than draw."""
     if path in copies:
         return copies[path]
-    suffix, content = path.suffix.lower(), _content(path, label)
+    suffix = path.suffix.lower()
+    content = _content(path, label)
     if suffix not in READ_AS_DATA:
         suffix = ".msh" if content.startswith(MSH) else ".geo"
     copy = copies[path] = folder / f"{len(copies)}{suffix}"
@@ -329,11 +332,9 @@ def _choose_groups(
 
 def _refuse_tiny(gmsh, body: BodySpec, contacts: Collection[str], label: str) -> None:
     """Raise InputError where the sizes of the scene would make far too many elements."""
-    d, largest, finest = (
-        gmsh.model.getDimension(),
-        body.mesh.largest,
-        body.mesh.contact_size or body.mesh.largest,
-    )
+    d = gmsh.model.getDimension()
+    largest = body.mesh.largest
+    finest = body.mesh.contact_size or largest
     whole = sum(_measure(gmsh, d, tag) for tag in _of_groups(gmsh, d))
     band = (
         NEAR * finest * sum(_measure(gmsh, d - 1, tag) for tag in _of_groups(gmsh, d - 1, contacts))
@@ -392,7 +393,8 @@ def _area(gmsh, surface: int) -> float:
 
 def _refine_towards(gmsh, body: BodySpec, contacts: Collection[str]) -> None:
     """Limit the sizes of the file, and make elements finer along the groups in `contacts`."""
-    largest, finest = body.mesh.largest, body.mesh.contact_size or body.mesh.largest
+    largest = body.mesh.largest
+    finest = body.mesh.contact_size or largest
     for option, most in (("Mesh.MeshSizeMax", largest), ("Mesh.MeshSizeMin", finest)):
         gmsh.option.setNumber(option, min(gmsh.option.getNumber(option), most))
     side = gmsh.model.getDimension() - 1
@@ -425,17 +427,17 @@ def _follow(gmsh, sizes: Sizes, spec: MeshSpec, label: str) -> None:
     free = re.sub(r"^(Transfinite|Recombine) .*\n", "", script, flags=re.M)
     if free != script:
         gmsh.clear()
-        free_of_them, again = Path("free.geo").resolve(), Path("again").resolve()
+        free_of_them = Path("free.geo").resolve()
+        again = Path("again").resolve()
         free_of_them.write_text(free, encoding="utf-8")
         again.mkdir()
         gmsh.open(str(_copy(free_of_them, {}, again, label)))  # its names of groups may be anything
-    d, middle = sizes.points.shape[1], box(gmsh).mean(axis=0)
+    d = sizes.points.shape[1]
+    middle = box(gmsh).mean(axis=0)
     xyz = np.column_stack([sizes.points, np.tile(middle[d:], (len(sizes.points), 1))])
     corners = xyz[sizes.triangles].transpose(0, 2, 1).reshape(len(sizes.triangles), -1)
-    view, data = (
-        gmsh.view.add("sizes"),
-        np.column_stack([corners, sizes.sizes[sizes.triangles]]).ravel(),
-    )
+    view = gmsh.view.add("sizes")
+    data = np.column_stack([corners, sizes.sizes[sizes.triangles]]).ravel()
     gmsh.view.addListData(view, {2: "ST", 3: "SS"}[d], len(corners), data)
     for option, value in (
         ("SizeMin", 0.0),
@@ -453,7 +455,8 @@ def _follow(gmsh, sizes: Sizes, spec: MeshSpec, label: str) -> None:
 def _around(gmsh, spec: MeshSpec) -> list[int]:
     """Size fields for elements that are small enough for the radii of curves and faces. With
     Mesh.MeshSizeFromCurvature gmsh 4.15 never ends on small arcs."""
-    largest, around = spec.largest, spec.around or AROUND
+    largest = spec.largest
+    around = spec.around or AROUND
     alike: dict[tuple[int, int], list[tuple[float, int]]] = {}
     for dimension, tag in [*gmsh.model.getEntities(1), *gmsh.model.getEntities(2)]:
         bend, length = {1: curve_bend, 2: face_bend}[dimension](gmsh, tag)

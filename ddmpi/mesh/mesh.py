@@ -216,7 +216,8 @@ class Mesh:
 
     def _group(self, name: str) -> np.ndarray:
         """The facets (k, l) of a boundary group as the mesh has them. Raises InputError."""
-        d, of = self.dimension, ", ".join(sorted(self.groups))
+        d = self.dimension
+        of = ", ".join(sorted(self.groups))
         if name not in self.groups:
             for what, names in zip(PHYSICAL, (self.vertices, self.curves), strict=False):
                 if name in names:
@@ -324,7 +325,8 @@ def _facets(
     corners = np.sort(facets[:, : cell.straight.facets.shape[1]], axis=1).T
     order = np.lexsort(corners)
     new = (np.diff(corners[:, order], prepend=-1, append=-1) != 0).any(axis=0)
-    alone, beside = np.sort(order[new[:-1] & new[1:]]), np.flatnonzero(~new[1:-1])
+    alone = np.sort(order[new[:-1] & new[1:]])
+    beside = np.flatnonzero(~new[1:-1])
     pairs = np.stack([order[beside], order[beside + 1]], axis=1) // len(cell.facets)
     return (facets[alone], alone // len(cell.facets)), pairs
 
@@ -337,11 +339,13 @@ def connected(links: np.ndarray, count: int) -> np.ndarray:
 
 def turn_outward(mesh: Mesh, facets: np.ndarray) -> Facets:
     """Facets (k, l) on the boundary of a mesh. Raises InputError for inner ones."""
-    (outer, owners), corners = mesh.boundary, mesh.cell.straight.facets.shape[1]
+    outer, owners = mesh.boundary
+    corners = mesh.cell.straight.facets.shape[1]
     marked = np.zeros(len(mesh.points), dtype=bool)
     marked[facets] = True
     near = np.flatnonzero(marked[outer].all(axis=1))
-    outer, owners = outer[near], owners[near]
+    outer = outer[near]
+    owners = owners[near]
     # a facet is found on the boundary by the set of its corners, whatever their order
     _, number = np.unique(
         np.sort(np.concatenate([outer[:, :corners], facets[:, :corners]])),
@@ -380,7 +384,8 @@ def refuse_overlaps(mesh: Mesh, label: str) -> None:
     facets = mesh.corners[:, of_cell].reshape(-1, of_cell.shape[1])
     # Two cells on either side of a facet traverse it in opposite directions. Equal corners with equal direction, from the
     # lowest node to the lower or the higher one beside it, are two cells on the same side.
-    lowest, number = facets.argmin(axis=1), facets.shape[1]
+    lowest = facets.argmin(axis=1)
+    number = facets.shape[1]
     after, before = (facets[np.arange(len(facets)), (lowest + k) % number] for k in (1, -1))
     odd = lowest if number == 2 else after > before
     keys = np.vstack([np.sort(facets, axis=1).T, odd])

@@ -62,7 +62,9 @@ class _Words:
     """The numbers of a section of an MSH file, in text or binary, one after the other."""
 
     def __init__(self, data: bytes, text: bool, size: int) -> None:
-        self._data, self._text, self._at = data, text, 0
+        self._data = data
+        self._text = text
+        self._at = 0
         self._types = {"int": np.dtype("i4"), "size": np.dtype(f"i{size}"), "real": np.dtype("f8")}
         if text:
             self._words = np.fromstring(data.decode("ascii"), sep=" ")
@@ -70,7 +72,8 @@ class _Words:
     def take(self, kind: str, count: int) -> np.ndarray:
         """The next `count` numbers, of a `kind`: "int", "size" or "real". Raises ValueError where they are missing."""
         if self._text:
-            taken, self._at = self._words[self._at : self._at + count], self._at + count
+            taken = self._words[self._at : self._at + count]
+            self._at = self._at + count
             if len(taken) < count:
                 raise ValueError("the section ends too early")
             return taken if kind == "real" else taken.astype(np.int64)
@@ -168,7 +171,8 @@ def _entities(words: _Words, coordinates: int) -> Iterator[tuple[np.ndarray, np.
 
 def _runs(words: _Words) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Of version 2 in text: runs of elements of one type with as many tags, by number and nodes."""
-    window, left = WINDOW, words.line()
+    window = WINDOW
+    left = words.line()
     every = words.take("int", words.rest)
     at = 0
     while left:
@@ -181,7 +185,9 @@ def _runs(words: _Words) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         if not run:
             raise ValueError("the section ends too early")
         yield rows[:run, 0], rows[:run, step - COUNTS[int(kind)] :]
-        window, left, at = 2 * run + WINDOW, left - run, at + run * step
+        window = 2 * run + WINDOW
+        left -= run
+        at += run * step
 
 
 def _binary_runs(words: _Words) -> Iterator[tuple[np.ndarray, np.ndarray]]:

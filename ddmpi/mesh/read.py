@@ -88,7 +88,8 @@ def read_mesh(
             'Physical Surface("body") = {1}; or Physical Volume("body") = {1};'
         )
     first, place = distinct(cells)
-    cells, bends = cells[first], bends[first]
+    cells = cells[first]
+    bends = bends[first]
     groups, curves, vertices = file_groups(raw, label, cells, kind.straight, part is not None)
     surfaces = {
         name: np.unique(place[np.isin(element, members)])
@@ -97,13 +98,15 @@ def read_mesh(
     used, renumbered = np.unique(cells, return_inverse=True)
     number = np.full(len(raw.points), -1)
     number[used] = np.arange(len(used))
-    points, cells = np.asarray(raw.points[used, :d], float), renumbered.reshape(cells.shape)
+    points = np.asarray(raw.points[used, :d], float)
+    cells = renumbered.reshape(cells.shape)
     groups = {name: number[facets] for name, facets in groups.items()}
     curves = {name: number[lines] for name, lines in curves.items()}
     curves = {name: lines[(lines >= 0).all(axis=1)] for name, lines in curves.items()}
     if any((facets < 0).any() for facets in groups.values()):
         raise InputError(f"{label} has boundary {kind.facet.names} that belong to no {kind.name}")
-    turned, swap = _inverted(points, cells, label), kind.shape.mirrored
+    turned = _inverted(points, cells, label)
+    swap = kind.shape.mirrored
     cells[turned] = cells[turned][:, swap]
     mesh = Mesh(
         points,
@@ -352,7 +355,8 @@ def _with_sets(raw):
     raw.point_sets |= {
         name: blocks[0] for name, blocks in _sets(nodes, getattr(raw, "point_tags", None)).items()
     }
-    raw.points, raw.field_data = np.pad(raw.points, ((0, 0), (0, 3 - raw.points.shape[1]))), {}
+    raw.points = np.pad(raw.points, ((0, 0), (0, 3 - raw.points.shape[1])))
+    raw.field_data = {}
     return raw
 
 

@@ -93,7 +93,8 @@ def raise_order(mesh: Mesh, key: str, order: int = 2) -> Mesh:
     between = np.unravel_index(new, (size,) * order)
     points = np.concatenate([mesh.points, sum(mesh.points[corner] for corner in between) / order])
     cells = np.column_stack([mesh.triangles, size + number.reshape(of_cells.shape)])
-    groups, curves = of_groups(mesh.groups, mesh.dimension - 1), of_groups(mesh.curves, 1)
+    groups = of_groups(mesh.groups, mesh.dimension - 1)
+    curves = of_groups(mesh.curves, 1)
     return replace(mesh, points=points, triangles=cells, groups=groups, curves=curves)
 
 
@@ -102,7 +103,8 @@ def bend(mesh: Mesh, bends: np.ndarray) -> Mesh:
 
     Cells that share a node have the same bend for it, or zero, which does not count.
     """
-    bent, points = bends.any(axis=2), mesh.points.copy()
+    bent = bends.any(axis=2)
+    points = mesh.points.copy()
     points[mesh.triangles[:, mesh.cell.corners :][bent]] += bends[bent]
     return replace(mesh, points=points)
 
@@ -115,7 +117,9 @@ def halve(mesh: Mesh, key: str) -> Mesh:
     """
     if not mesh.cell.simplex:
         return _halved_bricks(mesh, key)
-    fine, d, ways = raise_order(mesh, key), mesh.dimension, CUTS[mesh.dimension]
+    fine = raise_order(mesh, key)
+    d = mesh.dimension
+    ways = CUTS[d]
     lengths = np.linalg.norm(
         np.diff(fine.points[fine.triangles[:, ways[:, -1, :2]]], axis=2)[:, :, 0], axis=2
     )
@@ -144,7 +148,8 @@ def halve(mesh: Mesh, key: str) -> Mesh:
 
 def _lattice(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
     """Hats (3^d, c) of a product of lines at the corners of its halves, and the numbers (2^d, c) of these corners."""
-    d, corners = cell.dimension, np.array(cell.shape.corners)
+    d = cell.dimension
+    corners = np.array(cell.shape.corners)
     at = np.indices((3,) * d).reshape(d, -1, 1) / 2
     parts = np.indices((2,) * d).reshape(d, -1, 1) + corners.T[:, None]
     hats = cell.hats_at(np.concatenate([1.0 - at, at], axis=2).swapaxes(0, 1).reshape(-1, 2 * d))
@@ -154,8 +159,10 @@ def _lattice(cell: Cell) -> tuple[np.ndarray, np.ndarray]:
 def _halved_bricks(mesh: Mesh, key: str) -> Mesh:
     """`halve` of products of lines. A new node is known by the corners whose mean it is, of an edge, a face or a cell."""
     raise_order(mesh, key)  # groups are sides of cells
-    cell, d = mesh.cell, mesh.dimension
-    groups, curves = mesh.groups, mesh.curves
+    cell = mesh.cell
+    d = mesh.dimension
+    groups = mesh.groups
+    curves = mesh.curves
     every = [
         (cell.straight, mesh.triangles),
         *((cell.facet.straight, facets) for facets in groups.values()),
@@ -178,7 +185,8 @@ def _halved_bricks(mesh: Mesh, key: str) -> Mesh:
     sides = [
         each.swapaxes(0, 1).reshape(-1, each.shape[2]) for each in of_parts[1:]
     ]  # first parts first
-    nodes, (hats, parts) = mesh.points[mesh.triangles], _lattice(cell)
+    nodes = mesh.points[mesh.triangles]
+    hats, parts = _lattice(cell)
     same = (cell.nodes[:, None] == hats).all(axis=2).argmax(axis=1)
     renumbered = np.empty(len(mesh.points), int)
     renumbered[mesh.triangles] = numbers[0].reshape(len(nodes), -1)[:, same]
@@ -212,7 +220,11 @@ def simplices(
     Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), and the elements that they are parts of,
     counted through all KINDS.
     """
-    cells, bows, element, before, rank = [], [], [], 0, _ranks(raw, len(points))
+    cells = []
+    bows = []
+    element = []
+    before = 0
+    rank = _ranks(raw, len(points))
     for kind in KINDS[d]:
         shape, corners, middles = _of_kind(raw, kind)
         parts = _cuts(points, corners, shape, rank[corners])
@@ -237,8 +249,11 @@ def bricks(
     raw, d: int, points: np.ndarray, curved: bool = False
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The same as `simplices` gives, of the quadrilaterals or hexahedra of dimension d, or lines, uncut."""
-    cell, before = BRICKS[d, 2], 0
-    cells, bows, element = [], [], []
+    cell = BRICKS[d, 2]
+    before = 0
+    cells = []
+    bows = []
+    element = []
     for kind in KINDS[d]:
         shape, corners, middles = _of_kind(raw, kind)
         if shape == cell.shape.kind:
@@ -257,7 +272,8 @@ def bricks(
 def are_bricks(raw, d: int, some: np.ndarray | None) -> bool:
     """Whether all elements of dimension d, or `some` of them, counted through all KINDS, are quadrilaterals, or
     hexahedra, whose maps by their corners turn nowhere."""
-    cell, kinds = BRICKS[d, 1], list(KINDS[d])
+    cell = BRICKS[d, 1]
+    kinds = list(KINDS[d])
     number = [len(raw.cells_dict.get(kind, ())) for kind in kinds]
     kind = np.repeat(np.arange(len(kinds)), number)
     own = {kinds[k].rstrip("0123456789") for k in np.unique(kind if some is None else kind[some])}
@@ -271,10 +287,8 @@ def are_bricks(raw, d: int, some: np.ndarray | None) -> bool:
 
 def _of_kind(raw, kind: str) -> tuple[str, np.ndarray, np.ndarray]:
     """The shape of a kind of elements, and their nodes at corners and in the middles of edges."""
-    nodes, shape = (
-        raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64),
-        kind.rstrip("0123456789"),
-    )
+    nodes = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64)
+    shape = kind.rstrip("0123456789")
     number = 1 + max(map(max, SIDES[shape]))
     return shape, nodes[:, :number], nodes[:, number : number + len(SIDES[shape])]
 
@@ -297,9 +311,12 @@ def middle_nodes(raw, d: int) -> tuple[np.ndarray, np.ndarray]:
 
 def graded(mesh: Mesh, sizes: np.ndarray) -> Sizes:
     """`sizes` (nt,) of the cells as sizes at the corners, which grow by no more than GRADE. Not collective."""
-    measure, n = signed_measures(mesh.points, mesh.corners), mesh.cell.corners
+    measure = signed_measures(mesh.points, mesh.corners)
+    n = mesh.cell.corners
     used, corners = np.unique(mesh.corners, return_inverse=True)
-    corners, points, k = corners.reshape(-1, n), mesh.points[used], len(used)
+    corners = corners.reshape(-1, n)
+    points = mesh.points[used]
+    k = len(used)
     weight = np.bincount(corners.ravel(), np.repeat(measure, n))
     nodal = np.exp(np.bincount(corners.ravel(), np.repeat(measure * np.log(sizes), n)) / weight)
     links = np.concatenate([corners[:, edge] for edge in mesh.cell.edges[:, :2]])
@@ -321,20 +338,23 @@ def _ranks(raw, size: int) -> np.ndarray:
     that fewer nodes have come first, below zero: diagonals join nodes of this colour, and hexahedra are cut into
     mirror images of those beside them. Corners of bodies, which bear few elements, then have no diagonals as a rule.
     """
-    rank, kinds = np.arange(size), [kind for kind in KINDS[3] if kind.startswith("hexahedron")]
+    rank = np.arange(size)
+    kinds = [kind for kind in KINDS[3] if kind.startswith("hexahedron")]
     corners = np.concatenate(
         [raw.cells_dict.get(kind, np.empty((0, 8), int))[:, :8] for kind in kinds]
     )
     if not len(corners):
         return rank
-    used, (i, j) = np.unique(corners), corners[:, np.array(SIDES["hexahedron"])].reshape(-1, 2).T
+    used = np.unique(corners)
+    i, j = corners[:, np.array(SIDES["hexahedron"])].reshape(-1, 2).T
     # every node twice, once in each colour: linked are the ends of an edge in different ones
     ends = np.concatenate([i, i + size]), np.concatenate([j + size, j])
     graph = sparse.coo_matrix((np.ones(2 * len(i), np.int8), ends), (2 * size, 2 * size))
     one, other = csgraph.connected_components(graph, directed=False)[1].reshape(2, -1)[:, used]
     if (one == other).any():
         return rank
-    part, second = np.minimum(one, other), one > other
+    part = np.minimum(one, other)
+    second = one > other
     more = np.bincount(part, np.where(second, 1, -1))[
         part
     ]  # the second colour has more nodes than the first
@@ -356,10 +376,8 @@ def _cuts(points: np.ndarray, corners: np.ndarray, shape: str, rank: np.ndarray)
         return FIVE[1 * (rank[:, 0] >= 0)]
     parts = np.empty((n, {"hexahedron": 6, "wedge": 3, "pyramid": 2}[shape], 4), int)
     for apex in range(k):
-        elements, faces = (
-            rank[first == apex],
-            [np.array(face) for face in FACES[shape] if apex not in face],
-        )
+        elements = rank[first == apex]
+        faces = [np.array(face) for face in FACES[shape] if apex not in face]
         over = [
             face[HALVES[elements[:, face].argmin(axis=1) % 2]]
             if len(face) == 4
@@ -375,10 +393,8 @@ def _cuts(points: np.ndarray, corners: np.ndarray, shape: str, rank: np.ndarray)
 def _weights(shape: str, number: int) -> np.ndarray:
     """(k, k, s) weights of the bends of edges in the bend between two corners of a curved element: on a face's diagonal
     half of each of its edges, on a hexahedron's a quarter of all. In the plane diagonals are straight."""
-    sides, weights = (
-        [set(side) for side in SIDES[shape]],
-        np.zeros((number, number, len(SIDES[shape]))),
-    )
+    sides = [set(side) for side in SIDES[shape]]
+    weights = np.zeros((number, number, len(SIDES[shape])))
     if shape == "hexahedron":
         weights += 0.25
     for face in FACES.get(shape, ()):

@@ -27,7 +27,9 @@ def _orbits(dimension: int, *orbits: tuple[float, float, int]) -> Rule:
 def _collapsed(dimension: int) -> Rule:
     """Gauss's five points along each edge of a cube mapped to the simplex (Duffy 1982): exact to degree 10 − d."""
     at, weights = (values / 2 for values in np.polynomial.legendre.leggauss(5))
-    at, points, weight = 0.5 + at, np.ones((1, 1)), np.ones(1)
+    at = 0.5 + at
+    points = np.ones((1, 1))
+    weight = np.ones(1)
     # Split off one coordinate at a time: λ_last → λ_last (1 − t), λ_last t. The Jacobian is t^(rest − 1), and the
     # factor `rest` makes the weights sum to one.
     for rest in range(dimension, 0, -1):

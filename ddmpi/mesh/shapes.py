@@ -79,7 +79,8 @@ def generate_annulus(spec: MeshSpec) -> Mesh:
 def draw_shape(gmsh, spec: MeshSpec) -> None:
     """Draw a ball or a cylinder, with its groups, in a session of gmsh. Not collective."""
     assert spec.center
-    cad, height = gmsh.model.occ, spec.height or 0.0
+    cad = gmsh.model.occ
+    height = spec.height or 0.0
     if spec.shape == "ball":
         cad.addSphere(*spec.center, spec.radius)
     else:
@@ -128,13 +129,12 @@ def _solid_grid(
         cells[:, odd] = cells[:, odd][:, :, [0, 2, 1, 3]]
         cells = cells.reshape(-1, 4)
     places = np.stack(np.unravel_index(np.arange(number.size), number.shape), axis=1)
-    outer, names, sides = (
-        boundary_facets(cells, 3)[0],
-        ("left", "right", "front", "back", "bottom", "top"),
-        {},
-    )
+    outer = boundary_facets(cells, 3)[0]
+    names = ("left", "right", "front", "back", "bottom", "top")
+    sides = {}
     for k, name in enumerate(names):
-        axis, end = k // 2, (k % 2) * divisions[k // 2]
+        axis = k // 2
+        end = (k % 2) * divisions[k // 2]
         sides[name] = outer[(places[outer][:, :, axis] == end).all(axis=1)]
     return places / np.array(divisions), cells, sides
 
@@ -163,12 +163,10 @@ def _grid(
         order = order[np.sort(np.unique(order, return_index=True)[1])]
     number = np.empty(sizes.prod(), dtype=order.dtype)
     number[order] = np.arange(len(order))
-    a, b, c, d = (
-        number[grid[:-1, :-1]],
-        number[grid[1:, :-1]],
-        number[grid[1:, 1:]],
-        number[grid[:-1, 1:]],
-    )
+    a = number[grid[:-1, :-1]]
+    b = number[grid[1:, :-1]]
+    c = number[grid[1:, 1:]]
+    d = number[grid[:-1, 1:]]
     cells = np.stack([a, b, c, d], axis=-1).reshape(-1, 4)
     if elements != "bricks":
         cells = cells[:, [0, 1, 2, 2, 3, 0]].reshape(-1, 3)

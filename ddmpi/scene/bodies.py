@@ -204,7 +204,8 @@ class Material(Table, frozen=True, kw_only=True):
             return np.column_stack(
                 [a / np.linalg.norm(a) for a in (one, np.cross(three, one), three)]
             )
-        c, s = np.cos(np.deg2rad(self.angle or 0.0)), np.sin(np.deg2rad(self.angle or 0.0))
+        c = np.cos(np.deg2rad(self.angle or 0.0))
+        s = np.sin(np.deg2rad(self.angle or 0.0))
         return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
     def axes_in(self, frame: Frame) -> dict[str, Any]:
@@ -229,7 +230,8 @@ class Material(Table, frozen=True, kw_only=True):
     @property
     def lame(self) -> tuple[float, float]:
         """First Lamé constant and shear modulus (Pa) of an isotropic material, in plane stress for the plane."""
-        E, nu = self.young, self.poisson
+        E = self.young
+        nu = self.poisson
         assert not isinstance(E, tuple) and not isinstance(nu, tuple)
         first = E * nu / (1 - nu**2 if self.plane == "stress" else (1 + nu) * (1 - 2 * nu))
         return first, E / (2 * (1 + nu))
@@ -242,7 +244,8 @@ class Material(Table, frozen=True, kw_only=True):
                 # σ_zz = 0 eliminates ε_zz.
                 C = C - np.multiply.outer(C[..., 2, 2], C[2, 2]) / C[2, 2, 2, 2]
             return C[:dimension, :dimension, :dimension, :dimension]
-        (first, shear), unit = self.lame, np.eye(dimension)
+        first, shear = self.lame
+        unit = np.eye(dimension)
         both = np.multiply.outer(unit, unit)  # δ_ij δ_kl
         return first * both + shear * (both.transpose(0, 2, 1, 3) + both.transpose(0, 2, 3, 1))
 
@@ -264,7 +267,8 @@ class Material(Table, frozen=True, kw_only=True):
         """Poisson's ratio; of an orthotropic material that of its mean compliances (Reuss)."""
         if not isinstance(self.poisson, tuple):
             return self.poisson
-        normal, shears = self._matrix[:3, :3], np.trace(self._matrix[3:, 3:])
+        normal = self._matrix[:3, :3]
+        shears = np.trace(self._matrix[3:, 3:])
         bulk = normal.sum()
         shear = (6.0 * np.trace(normal) - 2.0 * normal.sum() + 3.0 * shears) / 15.0
         return float((3.0 * shear - 2.0 * bulk) / (6.0 * shear + 2.0 * bulk))

@@ -150,7 +150,8 @@ def _partners(scene: Any, contact: Any) -> Iterator[str]:
 
 def _roles(scene: Any, contact: Any) -> Iterator[str]:
     """A contact has a group for each body, and a rigid partner none; what has no surface has bonds alone."""
-    key, (first, second) = f"contact.{contact.called}", contact.bodies
+    key = f"contact.{contact.called}"
+    first, second = contact.bodies
     partner = next((rigid for rigid in scene.rigid if rigid.name == second), None)
     if partner and len(contact.on) > 1:
         faces = f", or on = [[{', '.join(contact.on)}]], both" * "".join(contact.on).isdigit()
@@ -228,7 +229,8 @@ def _images(scene: Any) -> Iterator[str]:
 
 def _image(scene: Any, contact: Any) -> Iterator[str]:
     """What does not go with the image of a contact."""
-    image, second = contact.image, contact.bodies[1]
+    image = contact.image
+    second = contact.bodies[1]
     if any(partner.name == second for partner in scene.rigid):
         yield f"{second!r} is rigid, and has none; move the partner to where it is touched"
     if scene.axisymmetric and (image.turn or image.shift[0]):

@@ -152,7 +152,8 @@ class Closure(Table, frozen=True, kw_only=True):
     closure: list[NonNegative]
 
     def __post_init__(self) -> None:
-        p, w = np.array(self.pressure), np.array(self.closure)
+        p = np.array(self.pressure)
+        w = np.array(self.closure)
         if len(p) != len(w) or len(p) < 2 or p[0] or w[0]:
             raise ValueError(
                 "pressure and closure are equally many numbers, at least two, from 0 on"
@@ -168,14 +169,16 @@ class Closure(Table, frozen=True, kw_only=True):
 
     def tangent(self, pressure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """a (m, m/Pa) and b (m,) of the closure a p + b near these pressures (m,)."""
-        p, w = np.array(self.pressure), np.array(self.closure)
+        p = np.array(self.pressure)
+        w = np.array(self.closure)
         k = np.clip(np.searchsorted(p, pressure, side="right") - 1, 0, len(p) - 2)
         slope = (np.diff(w) / np.diff(p))[k]
         return slope, w[k] - slope * p[k]
 
     def stored(self, pressure: np.ndarray) -> np.ndarray:
         """The energy ∫ p dw (J/m²) under pressures (m,)."""
-        p, w = np.array(self.pressure), np.array(self.closure)
+        p = np.array(self.pressure)
+        w = np.array(self.closure)
         before = np.append(0.0, np.cumsum(0.5 * (p[1:] + p[:-1]) * np.diff(w)))
         k = np.clip(np.searchsorted(p, pressure, side="right") - 1, 0, len(p) - 2)
         slope, offset = self.tangent(pressure)
@@ -438,7 +441,8 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
         if self.only_in:
             shapes = [kind for kind in get_args(Rigid) if kind.surface]
             others = ", ".join(tag_of(kind) for kind in shapes if kind.only_in != self.only_in)
-            here, there = WHERE[self.only_in], WHERE[5 - self.only_in]
+            here = WHERE[self.only_in]
+            there = WHERE[5 - self.only_in]
             yield (
                 self.only_in,
                 "shape",
@@ -578,7 +582,8 @@ class Round(RigidSurface, frozen=True, kw_only=True):
         return vectors
 
     def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        away, sign = self.away(points), -1.0 if self.inside else 1.0
+        away = self.away(points)
+        sign = -1.0 if self.inside else 1.0
         distance = np.linalg.norm(away, axis=-1)
         return sign * away / np.where(distance > 0.0, distance, 1.0)[..., None], sign * (
             distance - self.radius
@@ -626,13 +631,13 @@ class Circle(Centred, frozen=True, kw_only=True, tag="circle"):
         angle = np.sort(np.arctan2(*(touched - self.center).T[::-1]))
         holes = np.diff(angle, append=angle[0] + 2 * np.pi)  # the largest one is not touched
         k = int(np.argmax(holes))
-        margin, begin, length = (
-            margin / self.radius,
-            angle[(k + 1) % len(angle)],
-            2 * np.pi - holes[k],
-        )
+        margin = margin / self.radius
+        begin = angle[(k + 1) % len(angle)]
+        length = 2 * np.pi - holes[k]
         if length + 2 * margin >= WHOLE:
-            margin, begin, length = 0.0, 0.0, 2 * np.pi
+            margin = 0.0
+            begin = 0.0
+            length = 2 * np.pi
         t = np.linspace(begin - margin, begin + length + margin, 400)[:: 1 if self.inside else -1]
         return self.center + self.radius * np.column_stack([np.cos(t), np.sin(t)])
 

@@ -105,12 +105,14 @@ def _value(node: ast.AST, places: Mapping[str, Any], depth: int = 0) -> Any:
                     f"{name}({', '.join('xyz'[:count])})"
                 )
         case ast.UnaryOp(op=sign, operand=one):
-            function, inside = _OPERATORS.get(type(sign)), [one]
+            function = _OPERATORS.get(type(sign))
+            inside = [one]
         case (
             ast.BinOp(left=one, op=sign, right=other)
             | ast.Compare(left=one, ops=[sign], comparators=[other])
         ):
-            function, inside = _OPERATORS.get(type(sign)), [one, other]
+            function = _OPERATORS.get(type(sign))
+            inside = [one, other]
         case ast.Compare():
             raise ValueError("a chain of comparisons; write (0 < x) * (x < 1)")
         case _:

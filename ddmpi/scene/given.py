@@ -43,7 +43,8 @@ GIVEN: WeakValueDictionary[str, Given] = WeakValueDictionary()
 def with_names(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Given]]:
     """The data of a scene with the names of meshes that bodies have as arrays, and these meshes; the names last as long
     as they do. Not collective. Raises InputError for arrays that are no mesh."""
-    bodies, given = data.get("body"), list[Given]()
+    bodies = data.get("body")
+    given = list[Given]()
     if not isinstance(bodies, Sequence):
         return data, given
     named = []
@@ -111,7 +112,8 @@ def _of_arrays(arrays: Mapping[str, Any], key: str) -> Any:
         raise InputError(f"{key}.groups: expected facets or nodes by name")
     cells = _numbered(arrays["cells"], f"{key}.cells", number)
     blocks = [(_kind(cells, f"{key}.cells", d), cells)]
-    nodes, named = dict[str, np.ndarray](), list[str]()
+    nodes = dict[str, np.ndarray]()
+    named = list[str]()
     for name, group in arrays["groups"].items():
         members = _numbered(group, f"{key}.groups.{name}", number)
         if members.ndim == 1:

@@ -12,7 +12,8 @@ from ddmpi.scene.contacts import LAWS, default_name
 
 def override(data: dict, key: str, value: Any, where: str = "--set ") -> None:
     """Set one key of `data`, as after ``--set``. Raises InputError, which begins with `where` and the key."""
-    (*parents, last), key = key.strip().split("."), f"{where}{key}"
+    *parents, last = key.strip().split(".")
+    key = f"{where}{key}"
     table: Any = data
     for depth, part in enumerate(parents):
         table = (
@@ -74,7 +75,8 @@ def differences(ours: dict, theirs: dict) -> str:
     def word(table: dict, key: str) -> str:
         return repr(table[key]) if key in table else "not set"
 
-    mine, others = dict(flatten(ours)), dict(flatten(theirs))
+    mine = dict(flatten(ours))
+    others = dict(flatten(theirs))
     differing = [key for key in mine | others if mine.get(key) != others.get(key)]
     words = [f"{key} is {word(mine, key)} here, {word(others, key)} there" for key in differing[:3]]
     return "; ".join(words) + (f", and {len(differing) - 3} more" if len(differing) > 3 else "")

@@ -335,7 +335,8 @@ def _check_corners(corners: tuple[Point, ...]) -> None:
     """Raise ValueError unless the corners are those of a convex quadrilateral, counter-clockwise, or of a hexahedron
     with positive volumes of its trilinear map: by the edges of the map at 9 or 27 points."""
     x = np.array(corners)
-    unit, d = UNIT_CUBE[: len(x), : len(x[0])], len(x[0])
+    unit = UNIT_CUBE[: len(x), : len(x[0])]
+    d = len(x[0])
     along = 1.0 - np.abs(unit - np.array(list(product((0.0, 0.5, 1.0), repeat=d)))[:, None])
     slopes = np.stack(
         [(2 * unit[:, k] - 1) * np.delete(along, k, axis=2).prod(axis=2) for k in range(d)], axis=1

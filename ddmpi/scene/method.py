@@ -125,7 +125,8 @@ class Method(Table, frozen=True, kw_only=True):
         """The method with all defaults; a preset sets a ``target_error`` only if the meshes are `refinable`."""
         preset = PRESETS.get(self.preset or "", {})
         target = self.target_error or (preset.get("target_error") if refinable else None)
-        published, theta = self._kind == "relaxation", self.theta or 0.2
+        published = self._kind == "relaxation"
+        theta = self.theta or 0.2
         # of the published iteration the remaining error is about the last update over theta
         part = ALGEBRAIC * (min(theta, 1.0) if published else 1.0)
         relative = [one for one in (target, *self.target.values()) if isinstance(one, float)]

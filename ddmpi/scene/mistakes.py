@@ -162,7 +162,8 @@ def _missing(place: Place, field: str) -> str:
 
 def _unknown(place: Place, field: str) -> str:
     """What is said of a key that a table does not have."""
-    fields, names = list[str](), list[str]()
+    fields = list[str]()
+    names = list[str]()
     for kind in place.tables:
         fields += [kind.tag_field] if kind.tag_field else []
         fields += [entry.encode_name for entry in kind.fields]
@@ -246,18 +247,19 @@ def _reworded(place: Place, problem: str) -> str:
 
 def _locate(path: list[str], data: dict, root: type) -> Place:
     """What stands at a path in `data`; in the key, entries of lists are called by their names."""
-    named, given, kinds = list[str](), data, [inspect.type_info(root)]
+    named = list[str]()
+    given = data
+    kinds = [inspect.type_info(root)]
     before = kinds
     for key in path:
         if key == "...":  # of a table of free names, msgspec does not say which one
             table = next(kind.cls for kind in before if isinstance(kind, inspect.StructType))
             entry = get_args(get_type_hints(table, include_extras=True)[named[-1]])[1]
             key = next(name for name, value in given.items() if not _fits(value, entry))
-        before, kinds = kinds, [inner for kind in kinds for inner in _inside(kind, key)]
-        in_list, given = (
-            isinstance(given, list),
-            given[int(key) if isinstance(given, list) else key],
-        )
+        before = kinds
+        kinds = [inner for kind in kinds for inner in _inside(kind, key)]
+        in_list = isinstance(given, list)
+        given = given[int(key) if isinstance(given, list) else key]
         named.append((in_list and name_of(given)) or key)
         if isinstance(given, dict):  # its tag, as in law = "coulomb", tells unions apart
             kinds = [

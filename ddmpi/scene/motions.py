@@ -120,7 +120,8 @@ class Image(Moved, frozen=True, kw_only=True):
             len(place) != d for each in (self, other) for place in (each.pivot, each.axis) if place
         ):
             return True  # `dimension` says what is wrong
-        one, two = self.frame(1.0, d), other.frame(1.0, d)
+        one = self.frame(1.0, d)
+        two = other.frame(1.0, d)
         size = max(np.abs(frame.shift).max() for frame in (one, two))
         return any(
             np.abs(one.turned - frame.turned).max() <= SAME
@@ -219,9 +220,11 @@ def freed_part(motion: Motions | None) -> Motion | None:
 def frames_of(scene: Any, time: float, freed: Freed | None = None) -> dict[str, Frame]:
     """Where the frames of the bodies and rigid partners of a `Settled` scene are at `time`, by name, if free ones have
     gone as far as in `freed`."""
-    factors, frames = scene.factors(time), {}
+    factors = scene.factors(time)
+    frames = {}
     for each in (*scene.body, *scene.rigid):
-        frame, gone = frame_of(each.motion, factors, scene.dimension), (freed or {}).get(each.name)
+        frame = frame_of(each.motion, factors, scene.dimension)
+        gone = (freed or {}).get(each.name)
         if gone is not None:
             # a free turn is that of the body, a free shift one along the axes of the world
             free = freed_part(each.motion)

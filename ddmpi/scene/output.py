@@ -138,7 +138,8 @@ class Checkpoint(Table, frozen=True, kw_only=True):
 
 def units(scene: dict, dimension: int = 2) -> dict[str, str]:
     """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
-    length, stress = scene["output"]["length_unit"], scene["output"]["stress_unit"]
+    length = scene["output"]["length_unit"]
+    stress = scene["output"]["stress_unit"]
     product = f"{stress}·{length}"
     if dimension == 3 or scene.get("axisymmetric"):
         named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}

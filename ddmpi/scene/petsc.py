@@ -18,7 +18,9 @@ def refuse_reaching(path: str, data: dict) -> str:
     Returns the class that the scene names as method.outer, which is taken out of the data; empty if there is none.
     Raises InputError for the options, and for a folder of meshes elsewhere.
     """
-    method, options, output = data.get("method"), data.get("petsc"), data.get("output")
+    method = data.get("method")
+    options = data.get("petsc")
+    output = data.get("output")
     cache = output.get("cache") if isinstance(output, dict) else None
     if isinstance(cache, str) and not cache.isprintable():
         raise InputError(f"{path}: output.cache: {cache!r} has control characters")

@@ -40,7 +40,8 @@ class History(Table, frozen=True, kw_only=True):
     @property
     def kinks(self) -> list[float]:
         """The times at which the factor changes its slope."""
-        rise, run = np.diff(self.factors), np.diff(self.times)
+        rise = np.diff(self.factors)
+        run = np.diff(self.times)
         slopes = np.concatenate([[0.0], rise / run, [0.0]])
         return [
             time
@@ -132,7 +133,8 @@ class Time(Table, frozen=True, kw_only=True):
             return
         begin, end = self.cycle_ends
         for name, history in histories.items():
-            first, last = history.at(begin), history.at(end)
+            first = history.at(begin)
+            last = history.at(end)
             if abs(first - last) > ALIKE * max(map(abs, history.factors)):
                 yield (
                     f"time.cycle: history.{name} has the factor {first:g} at from = {begin:g} and "
