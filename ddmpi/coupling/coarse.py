@@ -433,7 +433,7 @@ class CrossPoints:
         """w ↦ diag(K) K⁻¹ w for displacements (k,) along the unknown forces, K = Iᵀ R I + D. Its calls are collective.
 
         `basis` is I (owned size, k), sparse, D (k,) are positive compliances (m/N), and `rows` (owned size,) bool marks
-        entries of this rank's vectors at cross points. None where all their forces are known. Raises SolverError.
+        entries of this rank's vectors at cross points. None where all their forces are known.
         """
         space, columns = self._space, np.unique(basis[rows].indices)
         if not space.any(np.array([len(columns)])):
@@ -448,12 +448,7 @@ class CrossPoints:
                 # nothing couples.
                 K = (along.T @ self._R @ along + sparse.diags(np.concatenate(layers))).tocsc()
                 diagonal = K.diagonal()
-                try:
-                    factors = splu(K, permc_spec="MMD_AT_PLUS_A")
-                except RuntimeError as cause:
-                    raise SolverError(
-                        f"the forces where contacts meet cannot be solved for: {cause}"
-                    ) from None
+                factors = splu(K, permc_spec="MMD_AT_PLUS_A")
 
         def correct(w: np.ndarray) -> np.ndarray:
             corrected = w.copy()

@@ -8,11 +8,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import ROOT, call, pinched_blocks, rectangle, run_python, to_toml, tower, write_scene
+from scenes import (
+    ROOT,
+    call,
+    pinched_blocks,
+    rectangle,
+    run_python,
+    to_toml,
+    tower,
+    write_scene,
+)
 from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
-from ddmpi.check.drawing import as_results
+from ddmpi.check.drawing import as_results, draw_contacts
 from ddmpi.check.nearby import NEAR, Missing
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError, InterruptionError, NotConvergedError
@@ -413,10 +422,8 @@ def test_ranks_and_ends(tmp_path):
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("unit", [1.0, 1e3, 1e-3])
-@pytest.mark.parametrize("part", [0.2499, 0.2501])
-def test_sides_are_proposed_as_far_as_a_quarter_of_the_smaller_facet(unit, part, looked_at):
-    """In any unit; the facets that face each other are 8 and 6 long."""
+def facing(unit: float, part: float) -> dict:
+    """Two bodies whose facets, 8 and 6 long, are a part of the smaller one apart."""
     sizes = {"lower": (8.0, 5.0), "upper": (6.0, 5.0)}
     low = {"lower": (0.0, 0.0), "upper": (1.0, 5.0 + 6.0 * part)}
     bodies = [
@@ -429,8 +436,34 @@ def test_sides_are_proposed_as_far_as_a_quarter_of_the_smaller_facet(unit, part,
         )
         for name in sizes
     ]
-    facing = {frozenset({("lower", "top"), ("upper", "bottom")})}
-    assert sides(proposed(looked_at({"body": bodies}))) == (facing if part < 0.25 else set())
+    return {"body": bodies}
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e3, 1e-3])
+@pytest.mark.parametrize("part", [0.2499, 0.2501])
+def test_sides_are_proposed_as_far_as_a_quarter_of_the_smaller_facet(unit, part, looked_at):
+    """In any unit."""
+    both = {frozenset({("lower", "top"), ("upper", "bottom")})}
+    assert sides(proposed(looked_at(facing(unit, part)))) == (both if part < 0.25 else set())
+
+
+@pytest.mark.parametrize(
+    "part, words", [(0.2499, ["close enough to touch, in no contact (1)"]), (0.2501, [])]
+)
+def test_the_picture_of_contacts_counts_those_that_are_missing(part, words, looked_at, monkeypatch):
+    """In its legend, which there is only if one is missing."""
+    pytest.importorskip("matplotlib")
+    figures = []
+
+    def draw(_, scene, bodies, interfaces, missing, *ranks) -> list[str]:
+        results = as_results(scene, bodies, interfaces)
+        figures.append(draw_contacts(results, interfaces, missing))
+        return []
+
+    monkeypatch.setattr("ddmpi.check.check.draw", draw)
+    looked_at(facing(1.0, part), "out")
+    legends = [axes.get_legend() for axes in figures[0].axes]
+    assert [text.get_text() for legend in legends if legend for text in legend.get_texts()] == words
 
 
 def test_pictures_of_a_check_have_all_bodies_where_they_are():

@@ -625,3 +625,16 @@ def test_a_type_that_petsc_does_not_have_is_an_error():
     assert second == pytest.approx(first, abs=1e-6 * np.abs(first).max())
     with pytest.raises(SolverError, match=r"the linear problem of a Newton step: .*gmrs"):
         ddmpi.solve(scene | {"petsc": {"newton_ksp_type": "gmrs"}}, MPI.COMM_SELF)
+
+
+def test_a_linear_problem_that_grows_without_limit_is_an_error():
+    """Richardson's iteration ends with steps that are small enough, and with larger ones it does not."""
+
+    def converges(scale: float) -> bool:
+        petsc = {"newton_ksp_type": "richardson", "newton_ksp_richardson_scale": scale}
+        return ddmpi.solve(pinched_blocks(1) | {"petsc": petsc}, MPI.COMM_SELF).certified
+
+    assert converges(0.3)
+    failed = r"the linear problem of a Newton step failed with DIVERGED_NANORINF"
+    with np.errstate(all="ignore"), pytest.raises(SolverError, match=failed):
+        converges(1.0)

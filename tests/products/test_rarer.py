@@ -7,10 +7,12 @@ import pytest
 from decks import STEEL, grid
 from decks import step as deck_step
 from kinds import Kind
+from mpi4py import MPI
 from scenes import COULOMB, FLOOR, certified, rectangle, to_toml
 
+from ddmpi.coupling.team import Team
 from ddmpi.decks.scene import import_deck
-from ddmpi.errors import InputError
+from ddmpi.errors import InputError, SolverError
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.interface.state import touching
 from ddmpi.mesh.mesh import Mesh, refuse_folded
@@ -127,6 +129,15 @@ def test_a_pretension_of_a_deck_is_per_depth(tmp_path, kind, depth):
     assert contact["pretension"]["force"] == pytest.approx(50.0 / depth)
     reaction = answer.summary["bodies"]
     assert max(abs(one["reaction"][1]) for one in reaction.values()) == pytest.approx(50.0 / depth)
+
+
+def test_ranks_of_a_body_are_asked_only_until_their_end():
+    """What a closed model has not worked out cannot be had from it any more."""
+    team = Team(MPI.COMM_SELF, [0], 1)
+    assert team.do("room") > 0.0
+    team.end()
+    with pytest.raises(SolverError, match="the ranks of this body have ended their work"):
+        team.do("room")
 
 
 @pytest.mark.mpi(ranks=2)

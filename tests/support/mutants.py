@@ -144,6 +144,13 @@ MUTANTS = [
             f"{RARER}::test_a_free_shift_goes_along_the_axes_of_the_world",
         ),
         (
+            "a team that has ended is asked on",
+            "coupling/team",
+            "if self._share is None:",
+            "if False:",
+            f"{RARER}::test_ranks_of_a_body_are_asked_only_until_their_end",
+        ),
+        (
             "springs of a team's body are added",
             "coupling/team",
             "self._f.array[dofs] -= stiffness",
@@ -4063,6 +4070,13 @@ MUTANTS = [
             DIFFERENCES,
         ),
         (
+            "a linear problem without an end is taken for solved",
+            "methods/krylov",
+            "elif reason < 0:",
+            "elif reason > 9:",
+            "methods/test_newton.py::test_a_linear_problem_that_grows_without_limit_is_an_error",
+        ),
+        (
             "GMRES solves another system than the transposed one",
             "methods/krylov",
             "(linearised.place, linearised.contract) if transposed",
@@ -5272,6 +5286,13 @@ MUTANTS = [
             "    if behind:\n",
             "    if not behind:\n",
             "check/test_check.py::test_numbered_faces_are_drawn",
+        ),
+        (
+            "pictures of a check say nothing of missing contacts",
+            "check/drawing",
+            "    if missing:",
+            "    if not missing:",
+            "check/test_check.py::test_the_picture_of_contacts_counts_those_that_are_missing",
         ),
         (
             "pictures of a check have cells of other bodies",
