@@ -45,6 +45,8 @@ def as_deck(scene: dict, kind: Kind) -> str | None:
 def block(body: dict, kind: Kind, first: int) -> tuple[str, list[str]] | None:
     """Nodes, elements, material and supports of a block, and the cards of its loads."""
     name, mesh, d = body["name"].upper(), body["mesh"], kind.d
+    if mesh["shape"] not in ("rectangle", "box"):
+        return None
     n, low, size = mesh["divisions"], mesh["origin"], mesh["size"]
     element = {"strain": "CPE4", "axis": "CAX4", "space": "C3D8"}.get(kind.name, "CPS4")
     text = grid(name, n, size, low, first, element)

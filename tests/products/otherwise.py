@@ -112,6 +112,8 @@ def cut(scene: dict, kind: Kind) -> dict | None:
         return None
     if kind.name == "plate" or scene["body"][0]["name"] != "block" or len(scene["body"]) > 1:
         return None
+    if scene["body"][0]["mesh"]["shape"] not in ("rectangle", "box"):
+        return None
     if any(contact["on"] not in (["top"], ["bottom"]) for contact in scene.get("contact", [])):
         return None
     scene = copy.deepcopy(scene)
@@ -181,7 +183,7 @@ def in_units(scene: dict, kind: Kind, L: float, S: float) -> dict:
                 table[key] = scaled(table[key], factor, L)
 
     for body in scene["body"]:
-        scale(body["mesh"], origin=L, size=L, corners=L)
+        scale(body["mesh"], origin=L, size=L, corners=L, center=L, radii=L, height=L)
         scale(body["material"], young=S, shear=S)
         scale(body, volume_force=S / L, temperature=1.0)
         scale(body.get("motion", {}), shift=L)
@@ -225,7 +227,7 @@ def moved(scene: dict, shift: np.ndarray) -> dict:
         return re.sub(r"\b[xyz]\b", lambda at: f"({at[0]} - ({shift['xyz'.index(at[0])]}))", value)
 
     for body in scene["body"]:
-        move(body["mesh"], "origin", "corners")
+        move(body["mesh"], "origin", "corners", "center")
         loads = [
             one
             for one in (*body.get("clamp", []), *body.get("traction", []))
@@ -263,6 +265,21 @@ def turned_clamps(clamp: Any, R: np.ndarray) -> list[Any] | None:
     return [kept | {"along": way.tolist(), "value": clamp[key]} for key, way in ways.items()]
 
 
+def turn_mesh(mesh: dict, R: np.ndarray) -> None:
+    """A shape that is turned; a rectangle or a box by its corners."""
+    for key in mesh.keys() & {"center", "axis"}:
+        mesh[key] = (R @ mesh[key]).tolist()
+    if "angles" in mesh:
+        mesh["angles"] = (np.add(mesh["angles"], np.rad2deg(np.arctan2(R[1, 0], R[0, 0])))).tolist()
+    if "origin" in mesh:
+        low, size = np.array(mesh.pop("origin")), np.array(mesh.pop("size"))
+        unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+        if len(R) == 3:
+            unit = np.vstack([np.c_[unit, np.zeros(4)], np.c_[unit, np.ones(4)]])
+        mesh["shape"] = "quadrilateral" if len(R) == 2 else "hexahedron"
+        mesh["corners"] = ((low + unit * size) @ R.T).tolist()
+
+
 def plain(value: Any) -> Any:
     """The value of a table that has one."""
     return value["value"] if isinstance(value, dict) else value
@@ -294,12 +311,7 @@ def turn(scene: dict, kind: Kind, R: np.ndarray) -> dict | None:
         if "shear" in material:
             frame = {"angle": 37.0} if d == 2 else {"axes": R.T[:2].tolist()}
             body["material"] = material | frame
-        low, size = np.array(mesh.pop("origin")), np.array(mesh.pop("size"))
-        unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-        if d == 3:
-            unit = np.vstack([np.c_[unit, np.zeros(4)], np.c_[unit, np.ones(4)]])
-        mesh["shape"] = "quadrilateral" if d == 2 else "hexahedron"
-        mesh["corners"] = ((low + unit * size) @ R.T).tolist()
+        turn_mesh(mesh, R)
         clamps = [turned_clamps(one, R) for one in body.get("clamp", [])]
         good &= None not in clamps
         body["clamp"] = [one for several in clamps for one in several or []]

@@ -566,6 +566,85 @@ def periodic_cell(kind: Kind) -> Case:
 
 
 @feature
+def slit_ring(kind: Kind) -> Case:
+    """A ring, around an axis a torus, that is cut open by a slit of almost no width, under one pressure: it is alike
+    in all directions, so that the sides of its slit bear this pressure, and every node moves towards one point."""
+    middle, (inner, outer), parts, span = kind.low + 1.9, (0.0625, 0.9375), 7, 360.0 - 4e-7
+    mesh = {
+        "shape": "annulus",
+        "center": middle.tolist(),
+        "radii": [inner, outer],
+        "angles": [0.0, span],
+        "divisions": [parts, 1],
+        "order": kind.order,
+    }
+    pressed = [{"on": on, "pressure": LOAD} for on in ("inner", "outer")]
+    # one side of the slit stands on a level along which it may slide
+    clamp = [{"on": "start", "y": 0.0}] + [{"on": "start & inner", "x": 0.0}] * (not kind.axis)
+    scene = kind.scene(
+        kind.block(clamp=clamp, traction=pressed) | {"mesh": mesh},
+        contact=[{"name": "slit", "bodies": ["block"] * 2, "on": ["start", "end"], "gap": 0.0}],
+        grows=True,
+    )
+    if kind.d == 3:
+        return Case(scene, refused="body.block.mesh.shape = annulus")
+    if kind.name == "plate":
+        return Case(scene, refused=THICKNESS)
+    E, n = STEEL.young[0], STEEL.poisson[0]
+    shrinks = {"stress": 1 - n, "strain": (1 + n) * (1 - 2 * n), "axis": 1 - 2 * n}[kind.name]
+    shrinks *= LOAD / E
+    # of an element the sector, whose arc is a chord or, of order 2, a parabola
+    turn = np.deg2rad(span / parts)
+    sector = 0.5 * np.sin(turn)
+    if kind.order == 2:
+        sector += 4 / 3 * np.sin(0.5 * turn) * (1 - np.cos(0.5 * turn))
+    area, sides = parts * sector * (outer**2 - inner**2), outer - inner
+    stored = LOAD * shrinks * area
+    if kind.axis:
+        sides *= 2 * np.pi * (middle[0] + 0.5 * (inner + outer))
+        stored *= 1.5 * 2 * np.pi * middle[0]
+    fixed = np.array([0.0 if kind.axis else middle[0] + inner, middle[1]])
+    found = told(
+        LOAD * sides,
+        contacts__slit__force=LOAD * sides * kind.up,
+        contacts__slit__normal_force=LOAD * sides,
+        bodies__block__reaction=0.0 * kind.up,
+    )
+    fields = {"block": lambda points: -shrinks * (points - fixed)}
+    return Case(scene, told=found, fields=fields, pressures={"slit": LOAD}, stored=stored)
+
+
+@feature
+def drawn_shaft(kind: Kind) -> Case:
+    """A cylinder with at least so many elements around it that is pulled aside and along its axis, which bends it."""
+    height, size = 0.3125, LOAD * kind.area()
+    bottom, top = (np.array([0.75, -0.3125, at]) for at in (0.375, 0.375 + height))
+    mesh = {
+        "shape": "cylinder",
+        "center": bottom.tolist(),
+        "axis": [0.0, 0.0, 1.7],
+        "radii": [0.0, 0.4375],
+        "height": height,
+        "size": 0.5,
+        "around": 9,
+        "order": kind.order,
+    }
+    force = size * (0.7 * kind.up + 0.17 * kind.aside)
+    traction = [{"on": "top", "force": force.tolist()}]
+    scene = kind.scene(kind.block(clamp=["bottom"], traction=traction) | {"mesh": mesh})
+    if kind.d == 2:
+        return Case(scene, refused="body.block.mesh.shape = cylinder")
+    found = told(
+        size,
+        bodies__block__loads__top__force=force,
+        bodies__block__loads__top__moment=np.cross(top, force),
+        bodies__block__reaction=-force,
+        bodies__block__reactions__bottom__moment=-np.cross(top, force),
+    )
+    return Case(scene, told=found)
+
+
+@feature
 def pretension(kind: Kind) -> Case:
     """A cut between two supports: the given force, with the offset that both blocks give way."""
     case = stacked(kind, LOAD, walls=True, kind="bonded")

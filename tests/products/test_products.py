@@ -1,20 +1,24 @@
 """Every feature in every kind of scene: what the program promises of them, by statics, closed forms and Hooke's law."""
 
 import gc
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from decked import as_deck
 from kinds import Kind, in_cycles
+from limits import pushed
 from mpi4py import MPI
 from otherwise import FOOT, Seen, otherwise
-from promises import FEATURES, Case
+from promises import FEATURES, THICKNESS, Case
 from restarts import go_on_from_checkpoints
-from scenes import assert_refused, certified
+from scenes import assert_refused, by_name, certified, write_scene
 
 import ddmpi
 from ddmpi.decks.scene import import_deck
+from ddmpi.errors import InputError
+from ddmpi.sweep.limit import find_limit
 
 NAMES = ("strain", "stress", "plate", "axis", "space")
 
@@ -196,8 +200,9 @@ def test_a_prepared_scene_has_the_same_answer(name, kind):
     for body in case.scene["body"]:
         young = body["material"]["young"]
         others[f"body.{body['name']}.material.young"] = (np.array(young) * 1.3).tolist()
-        origin = body["mesh"]["origin"]
-        others[f"body.{body['name']}.mesh.origin"] = [*origin[:-1], origin[-1] - 1e-3]
+        key = "origin" if "origin" in body["mesh"] else "center"
+        *place, height = body["mesh"][key]
+        others[f"body.{body['name']}.mesh.{key}"] = [*place, height - 1e-3]
     with ddmpi.prepare(case.scene, MPI.COMM_SELF) as model:
         model.solve(others)
         answer = model.solve({})
@@ -278,3 +283,29 @@ def test_a_scene_goes_on_from_its_checkpoints(tmp_path, name, kind):
         "output": {"steps": "all"},
     }
     go_on_from_checkpoints(scene, tmp_path, slice(None), ("contacts", "energy", "steps"))
+
+
+LIMITED = {
+    str(kind): kind
+    for kind in (
+        Kind(name, order, steps) for name in NAMES for order in (1, 2) for steps in (False, True)
+    )
+}
+
+
+@pytest.mark.parametrize("kind", by_name(LIMITED, "axis-2-steps", "plate-1-once"))
+def test_the_limit_of_a_load_in_a_kind_of_scene(tmp_path, kind):
+    """Friction bears a push up to the factor that statics tells, whether pressures or histories are multiplied."""
+    scene, load, factor = pushed(kind)
+    path = str(write_scene(scene, tmp_path / "scene.toml"))
+    if kind.name == "plate":
+        with pytest.raises(InputError, match=THICKNESS):
+            find_limit(MPI.COMM_SELF, path, [], load, str(tmp_path / "out"))
+        return
+    find_limit(MPI.COMM_SELF, path, [], load, str(tmp_path / "out"))
+    found = json.loads((tmp_path / "out" / "limit.json").read_text(encoding="utf-8"))
+    below, above = found["interval"]
+    assert below <= factor * (1 + 1e-6) and factor * (1 - 1e-6) <= above <= below * 1.001002
+    assert found["factor"] == pytest.approx((below + above) / 2)
+    assert found["solves"] <= 5
+    assert f"along {'y' if kind.axis else 'x'}" in found["mechanism"].replace("-", "")
