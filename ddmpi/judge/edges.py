@@ -156,11 +156,11 @@ def pinned_angle(poisson: float, stress: bool) -> float:
     return float(np.arcsin(np.sqrt(min(square + PINNED, 1.0))))
 
 
-def _held(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray:
-    """(3, c) bool, at which creases between straight facets (f, d) one of both is clamped, clamped in all directions,
-    and along its normal, as a plane of symmetry. A facet is clamped if it belongs to a clamp's group: clamps of the
-    faces around a free one may constrain all its nodes. Not collective."""
-    clamps = clamps_of(body)
+def _held(body: Body) -> np.ndarray:
+    """(3, c) bool, at which creases of the boundary one of both facets is clamped, clamped in all directions, and along
+    its normal, as a plane of symmetry. A facet is clamped if it belongs to a clamp's group: clamps of the faces around a
+    free one may constrain all its nodes. Not collective."""
+    clamps, (facets, bends) = clamps_of(body), boundary_of(body.mesh)
     if not clamps:
         return np.zeros((3, len(bends.turn)), bool)
     clamped = within(body.mesh, facets, clamps)[bends.facets]
@@ -175,20 +175,19 @@ def _held(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray:
     return np.array([one, one & fixed, one & mirror])
 
 
-def ends_of_clamps(body: Body, facets: np.ndarray, bends: Creases) -> np.ndarray:
-    """(c,) bool, at which creases between straight facets (f, d) a clamp ends so that stresses are infinite. Not
-    collective."""
-    one, fixed, mirror = _held(body, facets, bends)
+def ends_of_clamps(body: Body) -> np.ndarray:
+    """(c,) bool, at which creases of the boundary a clamp ends so that stresses are infinite. Not collective."""
+    one, fixed, mirror = _held(body)
     if not one.any():
         return one
-    mesh, material = body.mesh, body.material
+    (facets, bends), material = boundary_of(body.mesh), body.material
     stress = isinstance(material, Material) and material.plane == "stress"
     least = np.full(len(one), np.pi - SHARPEST)
     least[mirror] = 0.5 * (np.pi + SHARPEST)
     least[fixed] = pinned_angle(poisson_of(body), stress)
 
     # What a contact does at a corner is not known.
-    touching = np.zeros(len(mesh.points), bool)
+    touching = np.zeros(len(body.mesh.points), bool)
     for interface in body.member.interfaces:
         touching[interface.touched(body.spec.name)] = True
     met = touching[facets[bends.facets]].all(axis=2).any(axis=1)
@@ -372,12 +371,12 @@ def unbounded(assembly: Assembly, edges: Edges) -> set[str]:
         found[f"contacts.{name}.pressure_max"] = len(singular.places) > 0
     for body in assembly.bodies:
         name, mesh = body.spec.name, body.mesh
-        facets, bends = boundary_of(mesh)
+        _, bends = boundary_of(mesh)
         touching = np.zeros(len(mesh.points), bool)
         for interface in body.member.interfaces:
             rubs = not interface.law.frictionless
             touching[interface.touched(name)] |= rubs
-        mirror = _held(body, facets, bends)[2]
+        mirror = _held(body)[2]
         if mesh.axisymmetric:  # the axis mirrors, too
             mirror |= mesh.on_axis[bends.nodes].all(axis=1)
         sharp = np.where(mirror, 2.0 * bends.turn - np.pi, bends.turn) > SHARPEST
@@ -389,7 +388,7 @@ def unbounded(assembly: Assembly, edges: Edges) -> set[str]:
         found[f"bodies.{name}.von_mises_max"] = bool(
             sharp.any()
             or (bends.turn < -SHARPEST).any()
-            or ends_of_clamps(body, facets, bends).any()
+            or ends_of_clamps(body).any()
             or any(len(each.places) for each in edges.by_body[name])
         )
     return {result for result, infinite in gathered(assembly.world, found).items() if infinite}

@@ -422,7 +422,7 @@ def _singular(
     """A warning where the largest of the stresses (nt,) of a body is at a re-entrant corner (in space an edge), at one
     of the `edges` of its contacts, or where a clamp ends."""
     mesh = body.mesh
-    points, (facets, bends) = mesh.points, boundary_of(mesh)
+    points, (_, bends) = mesh.points, boundary_of(mesh)
     largest = stress >= (1.0 - SAME) * stress.max()
     if largest.all():  # a constant stress grows nowhere
         return []
@@ -434,7 +434,7 @@ def _singular(
         (points[np.intersect1d(bends.nodes[chosen], top)], what, cure)
         for chosen, what, cure in (
             (bends.turn < -SHARPEST, f"a re-entrant {corner}", drawn + beside),
-            (ends_of_clamps(body, facets, bends), "the end of a clamp", beside),
+            (ends_of_clamps(body), "the end of a clamp", beside),
         )
     ]
     for known in edges:
