@@ -21,6 +21,7 @@ from ddmpi.interface.state import ContactState, ContactTotals
 from ddmpi.judge.accuracy import MeshLadder
 from ddmpi.judge.bars import Bar, Measured
 from ddmpi.judge.certificate import Certificate, ContactResiduals
+from ddmpi.judge.edges import Edges
 from ddmpi.petsc.events import event
 from ddmpi.petsc.options import in_force, unused_options, unused_words
 from ddmpi.pictures.browser import write_view
@@ -241,31 +242,55 @@ def _key(warning: str) -> str:
     return f"{doubt.kind} {' '.join(doubt.of)}"
 
 
-def gather_summary(
-    assembly: Assembly,
-    solution: Solution,
-    error: DiscretizationError,
-    fields: dict[str, Fields],
-    started: float,
-    steps: StepLog,
-) -> dict:
+@dataclass(frozen=True)
+class Solved:
+    """A solved scene on one mesh, as one rank has it; but for `steps`, at the last load step.
+
+    Attributes
+    ----------
+    error : of the mesh in the energy norm, by body of this rank
+    edges : where stresses at contacts are infinite; None without an answer
+    fields : of this rank's bodies, by name
+    errors, bars : of results, by name
+    summary : on the first rank; empty on the others
+    """
+
+    assembly: Assembly
+    solution: Solution
+    steps: StepLog
+    error: DiscretizationError
+    edges: Edges | None
+    fields: Mapping[str, Fields] = field(default_factory=dict)
+    errors: Mapping[str, Measured] = field(default_factory=dict)
+    bars: Mapping[str, Bar] = field(default_factory=dict)
+    summary: dict = field(default_factory=dict)
+
+    @property
+    def scene(self) -> Settled:
+        return self.assembly.scene
+
+    @property
+    def factors(self) -> dict[str | None, float]:
+        """Of loads at the last load step, by history."""
+        time = self.solution.time
+        return self.scene.factors(1.0 if time is None else self.scene.drawn(time, self.steps.run))
+
+
+def gather_summary(solved: Solved, started: float) -> dict:
     """summary.json without the times and what `conclude` puts there, on the first rank; nothing on the others. Collective.
 
-    Parameters
-    ----------
-    error, fields : of this rank's bodies
-    started : as for `provenance`
+    `started` is as for `provenance`.
     """
-    world, scene = assembly.world, assembly.scene
+    assembly, solution, steps = solved.assembly, solved.solution, solved.steps
+    world, scene = assembly.world, solved.scene
     team = team_of(world)
-    ranks = team.ranks if team else [world.rank]
     memory, hosts = team.do("machine") if team else (peak_memory(), [MPI.Get_processor_name()])
-    machine = ranks, memory
-    mine = _bodies(assembly, solution, error, fields, machine, steps)
+    machine = {"ranks": team.ranks if team else [world.rank], "memory_mib": memory}
+    mine = _bodies(solved, machine)
     reused = gathered(world, assembly.reused)
     inner = sum(solution.outer.inner_steps.values())
     of_ranks = world.gather((mine, set(unused_options()), inner, assembly.exchange.state(), hosts))
-    quadratic = _quadratic_unknowns(assembly, error)
+    quadratic = _quadratic_unknowns(solved)
     if of_ranks is None:
         return {}
     bodies_of_ranks, unused, inners, sent, named = zip(*of_ranks, strict=True)
@@ -282,7 +307,7 @@ def gather_summary(
         "certificate_limit": solution.limit,
         "steps": steps.steps,
         "discretization_error": {
-            "energy_norm": error.relative,
+            "energy_norm": solved.error.relative,
             "quadratic_n": quadratic,
             "target": scene.method.target_error,
             "levels": [],
@@ -295,7 +320,7 @@ def gather_summary(
         "solvers": {"qp": solution.outer.qp_type},
         "options": in_force(),
         "options_unused": left,
-        **_of_steps(scene, solution, steps),
+        **_of_steps(solved),
     }
     if scene.wheel:
         run["whole"] = whole_of(scene.wheel, scene.dimension, bodies, solution.contacts)
@@ -303,16 +328,10 @@ def gather_summary(
     return summary | {"steps": steps.told} | provenance(started, hosts)
 
 
-def conclude(
-    summary: dict,
-    solution: Solution,
-    ladder: MeshLadder,
-    bars: Mapping[str, Bar],
-    warnings: list[str],
-    free: list[str],
-) -> None:
+def conclude(solved: Solved, ladder: MeshLadder, warnings: list[str], free: list[str]) -> None:
     """Put into a summary what is known at the end: the meshes that led here, bars of results, the warnings of scene and
     answer, and motions that no contact resists. Not collective."""
+    summary, solution, bars = solved.summary, solved.solution, solved.bars
     missed = solution.certified and ladder.missed
     summary["converged"] = solution.certified and not missed
     summary["reason"] = missed or solution.reason
@@ -327,43 +346,36 @@ def conclude(
         }
 
 
-def _of_steps(scene: Settled, solution: Solution, steps: StepLog) -> dict[str, Any]:
+def _of_steps(solved: Solved) -> dict[str, Any]:
     """The summary's entries of load steps, cycles and derivatives, as far as the scene has these."""
-    entries: dict[str, Any] = {}
+    scene, steps, entries = solved.scene, solved.steps, dict[str, Any]()
     if scene.time:
         entries["energy"] = steps.balance()
     if scene.output.derivatives:
-        entries["derivatives"] = steps.derived[0] if solution.certified else {}
+        entries["derivatives"] = steps.derived[0] if solved.solution.certified else {}
     if scene.time and scene.time.cycle:
         entries["cycles"] = {"run": steps.run, "change": steps.change}
     return entries
 
 
-def _bodies(
-    assembly: Assembly,
-    solution: Solution,
-    error: DiscretizationError,
-    fields: dict[str, Fields],
-    machine: tuple[list[int], float],
-    steps: StepLog,
-) -> list[tuple[int, str, dict]]:
-    """The number, the name and the summary's entry of each body of this rank. Not collective."""
-    scene = assembly.scene
-    factors = scene.factors(1.0 if solution.time is None else scene.drawn(solution.time, steps.run))
-    entries = []
+def _bodies(solved: Solved, machine: dict[str, Any]) -> list[tuple[int, str, dict]]:
+    """The number, the name and the summary's entry of each body of this rank, with what it takes of the `machine`. Not
+    collective."""
+    assembly, solution, entries = solved.assembly, solved.solution, []
     for body, s in zip(assembly.bodies, solution.outer.body_forces(), strict=True):
-        name = body.spec.name
-        entry = _body(assembly, body, solution, error, fields, *machine)
-        forces = forces_by_group(body, solution.displacements[name], s, factors, assembly.frames)
-        volume = {"volume": float(body.mesh.measures().sum())} if scene.wheel else {}
-        entries.append((body.number, name, entry | forces | volume))
+        u = solution.displacements[body.spec.name]
+        forces = forces_by_group(body, u, s, solved.factors, assembly.frames)
+        volume = {"volume": float(body.mesh.measures().sum())} if solved.scene.wheel else {}
+        entry = _body(solved, body, u) | machine | forces | volume
+        entries.append((body.number, body.spec.name, entry))
     return entries
 
 
-def _quadratic_unknowns(assembly: Assembly, error: DiscretizationError) -> int | None:
+def _quadratic_unknowns(solved: Solved) -> int | None:
     """About how many unknowns quadratic elements have on the same cells, where linear ones have a large error. Collective."""
+    assembly = solved.assembly
     number = assembly.world.allreduce(sum(map(_with_middles, assembly.bodies)))
-    wanted = error.relative > COARSE and assembly.scene.body[0].mesh.order == 1
+    wanted = solved.error.relative > COARSE and solved.scene.body[0].mesh.order == 1
     return round(number) if wanted else None
 
 
@@ -377,26 +389,17 @@ def _with_middles(body: Body) -> float:
     return body.member.elasticity.n * (vertices + edges) / vertices
 
 
-def _body(
-    assembly: Assembly,
-    body: Body,
-    solution: Solution,
-    error: DiscretizationError,
-    fields: dict[str, Fields],
-    ranks: list[int],
-    memory: float,
-) -> dict:
-    """The summary's entry of a body of this rank; its `ranks` have used up to `memory` MiB. Not collective."""
-    member, name = body.member, body.spec.name
-    estimate, stress = error.estimates.get(name), fields[name].von_mises if name in fields else None
-    moved, points = np.linalg.norm(solution.displacements[name], axis=1), body.mesh.points
-    displacement = solution.displacements[name]
-    if frame := assembly.frames.get(name):
-        points = frame.at(points + displacement)  # where the body is now
+def _body(solved: Solved, body: Body, u: np.ndarray) -> dict:
+    """The summary's entry of a body of this rank, which moves by `u` (nv, d). Not collective."""
+    member, name, error = body.member, body.spec.name, solved.error
+    estimate = error.estimates.get(name)
+    stress = solved.fields[name].von_mises if name in solved.fields else None
+    moved, points, displacement = np.linalg.norm(u, axis=1), body.mesh.points, u
+    if frame := solved.assembly.frames.get(name):
+        points = frame.at(points + u)  # where the body is now
         displacement = points - body.mesh.points
     return {
         "n": member.elasticity.n,
-        "ranks": ranks,
         "held": member.elasticity.supported,
         "displacement_max": float(moved.max()),
         "displacement_max_at": place_of_largest(moved, points),
@@ -412,24 +415,10 @@ def _body(
         },
         "discretization_error": error.by_body.get(name),
         "n_A_by_purpose": dict(member.C.count),
-        "inner_steps": dict(solution.outer.inner_steps),
+        "inner_steps": dict(solved.solution.outer.inner_steps),
         "solver": member.C.solver.description,
         "compliance": member.C.kind,
-        "memory_mib": memory,
     }
-
-
-@dataclass(frozen=True)
-class Solved:
-    """A solved scene on one mesh, as one rank has it, with fields of its bodies by name; but for `steps`, at the last
-    load step."""
-
-    assembly: Assembly
-    solution: Solution
-    fields: dict[str, Fields]
-    summary: dict
-    steps: StepLog
-    errors: Mapping[str, Measured] = field(default_factory=dict)
 
 
 def fields_of(
@@ -459,7 +448,7 @@ def write_files(
 ) -> None:
     """Write all result files, with output.only the tables and the summary; they appear together or not at all, and the
     checkpoint goes. Collective."""
-    world, scene = solved.assembly.world, solved.assembly.scene
+    world, scene = solved.assembly.world, solved.scene
     staging = Staging(folder) if folder else None
     path = world.bcast(staging.path if staging else None)
     try:
@@ -486,7 +475,7 @@ def write_files(
 def _write_all(path: Path, solved: Solved, figures: bool, first: bool) -> OutputError | None:
     """Write all files into the folder `path`, the tables of the whole run on the `first` rank; why pictures could not
     be drawn. Collective."""
-    world, scene = solved.assembly.world, solved.assembly.scene
+    world, scene = solved.assembly.world, solved.scene
     shown = not scene.output.only
     viewed, drawn = shown and scene.output.view is True, shown and figures
     surfaces, spans = _write_last(path, solved) if shown else ({}, {})
@@ -521,7 +510,7 @@ def _describe(
     path: Path, solved: Solved, legs: Sequence[Leg], spans: Mapping[int | str, np.ndarray]
 ) -> None:
     """Write result.xdmf, on the first rank. Not collective."""
-    scene, last = solved.assembly.scene, solved.solution.time
+    scene, last = solved.scene, solved.solution.time
     times = [time for time, _ in legs] or ([] if last is None else [last])
     bodies = {body.name: spans[number] for number, body in enumerate(scene.body)}
     write_xdmf(
@@ -531,12 +520,12 @@ def _describe(
 
 def _write_tables(path: Path, solved: Solved) -> None:
     """Write the tables of load steps and of meshes, and mechanism.json, on the first rank. Not collective."""
-    assembly, steps = solved.assembly, solved.steps
-    if assembly.scene.method.target:
+    scene, steps = solved.scene, solved.steps
+    if scene.method.target:
         write_converge(path, solved.summary)
     write_table(path / "history.csv", HISTORY, steps.iterations)
     write_steps(path, steps.steps)
-    if assembly.scene.time:
+    if scene.time:
         write_energies(path, steps.energies, steps.steps)
     if places := steps.places:
         times = [step["time"] for step in steps.steps]
@@ -547,8 +536,7 @@ def _write_tables(path: Path, solved: Solved) -> None:
 
 def _draw(path: Path, solved: Solved) -> OutputError | None:
     """Draw the pictures on the ranks that share them, where matplotlib is; why they could not be drawn. Collective."""
-    world = solved.assembly.world
-    scene = solved.assembly.scene
+    world, scene = solved.assembly.world, solved.scene
     # each drawer loads matplotlib, which takes as long as one or two pictures
     near = drawers(world, many=scene.time or len(scene.contact) > 1)
     with agreed(world, asleep=True), event("Figures"):
@@ -628,10 +616,10 @@ def _write_contacts(
     with output.only, the first table alone. Not collective."""
     for name, state in solved.solution.states.items():
         write_contact(path, name, state)
-        if solved.assembly.scene.output.only:
+        if solved.scene.output.only:
             continue
         write_sides(path, name, state)
-        if solved.assembly.scene.time:
+        if solved.scene.time:
             write_legs(path, name, state.interface, [(time, *at[name]) for time, at in legs])
         write_surface(path, name, surfaces[name])
 

@@ -3,7 +3,7 @@
 import contextlib
 import gc
 import logging
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -36,7 +36,7 @@ from ddmpi.judge.accuracy import (
     refine_scene,
     weighted,
 )
-from ddmpi.judge.bars import UNCERTIFIED, Bar, Measured
+from ddmpi.judge.bars import UNCERTIFIED, Measured
 from ddmpi.judge.diagnosis import diagnose, helpful
 from ddmpi.judge.edges import Edges, doubt_edges, edges_of, unbounded
 from ddmpi.judge.plausible import (
@@ -59,13 +59,11 @@ from ddmpi.petsc.options import in_force
 from ddmpi.petsc.versions import free_garbage
 from ddmpi.pictures.views import View
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
-from ddmpi.results.fields import Fields
 from ddmpi.results.folder import choose_folder
 from ddmpi.results.summary import bars_of
 from ddmpi.run.equilibrium import undetermined_motions
 from ddmpi.run.gather import (
     Solved,
-    StepLog,
     conclude,
     fields_of,
     gather_summary,
@@ -203,10 +201,10 @@ def compute(
         solution, steps, assembly = march(assembly, log_step, noted, clock, begin)
         error = _estimate(assembly, solution, clock)
         edges = _edges(assembly, solution, clock)
-        solved, bars = _measure(assembly, solution, steps, error, edges, clock)
-        if _another_mesh(ladder, solved, error, bars, _cost(assembly, clock, idle)):
+        solved = _measured(Solved(assembly, solution, steps, error, edges), clock)
+        if _another_mesh(ladder, solved, _cost(assembly, clock, idle)):
             return None
-        _judge(solved, error, ladder, bars, edges, clock)
+        _judge(solved, ladder, clock)
         if solved.summary:
             log_end(solved.summary, solution)
             log_warnings(solved.summary["warnings"], told)
@@ -411,44 +409,36 @@ def _cost(assembly: Assembly, clock: Clock, idle: float) -> Cost:
     return Cost(*assembly.world.allreduce(mine).tolist())
 
 
-def _another_mesh(
-    ladder: MeshLadder,
-    solved: Solved,
-    error: DiscretizationError,
-    bars: Mapping[str, Bar],
-    cost: Cost,
-) -> bool:
+def _another_mesh(ladder: MeshLadder, solved: Solved, cost: Cost) -> bool:
     """Whether the ladder goes on to a finer mesh, or back to the last one with a certified answer, which has to be
     solved again. Collective."""
-    assembly, solution = solved.assembly, solved.solution
+    assembly, solution, error, bars = solved.assembly, solved.solution, solved.error, solved.bars
     if not solution.certified:
         return ladder.fall_back(solution.reason)
     world, bodies = assembly.world, assembly.bodies
     dofs = world.allreduce(sum(body.mesh.points.size for body in bodies))
     misses, rate = ladder.misses(error.relative, bars), ladder.rate(error.relative, bars)
     drawn = {body.spec.name: body.mesh for body in bodies if body.spec.mesh.drawn}
-    squares = _squares(solved, error, misses) if misses else {}
+    squares = _squares(solved, misses) if misses else {}
     wanted = {
         name: demand(squares[name], rate, mesh.dimension)
         for name, mesh in drawn.items()
         if name in squares
     }
     demands = merged(world, wanted)
-    alone = _demands_alone(solved, drawn, bars)
+    alone = _demands_alone(solved, drawn)
     if not ladder.proceed(assembly.n, error.relative, dofs, demands, bars, cost, alone):
         return False
     ladder.draw({name: (mesh, squares[name]) for name, mesh in drawn.items()})
     return True
 
 
-def _demands_alone(
-    solved: Solved, drawn: Mapping[str, Mesh], results: Collection[str]
-) -> dict[str, Demand]:
+def _demands_alone(solved: Solved, drawn: Mapping[str, Mesh]) -> dict[str, Demand]:
     """By result the demand of drawn bodies' meshes that are made for it alone. Collective."""
     world, number = solved.assembly.world, sum(len(mesh.triangles) for mesh in drawn.values())
     parts = {
         result: {name: np.abs(solved.errors[result].cells[name]) for name in drawn}
-        for result in results
+        for result in solved.bars
         if solved.errors[result].cells
     }
     mine = [sum(squares.sum() for squares in part.values()) for part in parts.values()]
@@ -462,11 +452,9 @@ def _demands_alone(
     return {result: Demand(*row) for result, row in zip(parts, rows.tolist(), strict=True)}
 
 
-def _squares(
-    solved: Solved, error: DiscretizationError, misses: Mapping[str, Miss]
-) -> dict[str, np.ndarray]:
+def _squares(solved: Solved, misses: Mapping[str, Miss]) -> dict[str, np.ndarray]:
     """The squared errors (nt,) of this rank's bodies, by name, of which finer meshes are made. Collective."""
-    energy = {name: estimate.squares for name, estimate in error.estimates.items()}
+    energy = {name: estimate.squares for name, estimate in solved.error.estimates.items()}
     of_results = {
         name: {body: np.abs(cells) for body, cells in measured.cells.items()}
         for name, measured in solved.errors.items()
@@ -478,17 +466,10 @@ def _squares(
     return weighted(parts, dict(zip(misses, sums, strict=True)), misses, cells)
 
 
-def _of_answer(
-    assembly: Assembly,
-    solution: Solution,
-    steps: StepLog,
-    error: DiscretizationError,
-    fields: dict[str, Fields],
-    free: list[str],
-    edges: Edges,
-) -> list[str]:
-    """The warnings of an answer, of load steps before it as well. Collective."""
-    scene, world = assembly.scene, assembly.world
+def _of_answer(solved: Solved, free: list[str], edges: Edges) -> list[str]:
+    """The warnings of an answer, of load steps before it as well, with its `edges`. Collective."""
+    assembly, solution, steps = solved.assembly, solved.solution, solved.steps
+    scene, world = solved.scene, assembly.world
     doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
     infinite = doubt_edges(assembly.in_world(), solution.states, edges)
     # pressures that are rounding are neither finite nor infinite, and those of corners are not of single nodes alone
@@ -501,10 +482,10 @@ def _of_answer(
     if not scene.output.only:
         # without energy a body moves rigidly, and its stresses are rounding
         stresses = {
-            name: field.von_mises if error.estimates[name].energy else None
-            for name, field in fields.items()
+            name: field.von_mises if solved.error.estimates[name].energy else None
+            for name, field in solved.fields.items()
         }
-        warnings += [] if world.rank else doubt_mesh(scene.body, error)
+        warnings += [] if world.rank else doubt_mesh(scene.body, solved.error)
         warnings += doubt_stress(assembly.in_world(), stresses, edges.by_body)
     unsolved = f"their equations are not solved to {ENOUGH:.0e}"
     for key, entry in () if world.rank else steps.derived[0].items():
@@ -549,67 +530,52 @@ def _edges(assembly: Assembly, solution: Solution, clock: Clock) -> Edges | None
         return edges_of(assembly.in_world(), solution.states)
 
 
-def _measure(
-    assembly: Assembly,
-    solution: Solution,
-    steps: StepLog,
-    error: DiscretizationError,
-    edges: Edges | None,
-    clock: Clock,
-) -> tuple[Solved, dict[str, Bar]]:
-    """The answer with its fields, and on the first rank the summary without warnings and ladder; and the bars of results.
-    Collective."""
-    scene, world = assembly.scene, assembly.world
+def _measured(solved: Solved, clock: Clock) -> Solved:
+    """The answer with its fields, errors and bars of results, and on the first rank the summary without warnings and
+    ladder. Collective."""
+    assembly, moved = solved.assembly, solved.solution.displacements
+    world = assembly.world
     with clock.phase("recover"), agreed(world), event("Stress"):
         fields = {
-            body.spec.name: fields_of(assembly, body, solution.displacements[body.spec.name], error)
+            body.spec.name: fields_of(assembly, body, moved[body.spec.name], solved.error)
             for body in assembly.bodies
-            if not scene.output.only
+            if not solved.scene.output.only
         }
-    errors = _errors(assembly, solution, steps.run, clock)
+    errors = _errors(solved, clock)
     with agreed(world):
         parts = shares(assembly, errors)
         fields = {name: replace(one, error_share=parts.get(name)) for name, one in fields.items()}
-    endless = unbounded(assembly.in_world(), edges) if errors and edges else set()
-    summary = gather_summary(assembly, solution, error, fields, clock.started, steps)
+    endless = set[str]()
+    if errors and solved.edges:
+        endless = unbounded(assembly.in_world(), solved.edges)
+    solved = replace(solved, fields=fields, errors=errors)
+    summary = gather_summary(solved, clock.started)
     with agreed(world):
         bars = bars_of(summary, errors, endless) if summary and errors else {}
-    bars = world.bcast(bars)
-    return Solved(assembly, solution, fields, summary, steps, errors), bars
+    return replace(solved, summary=summary, bars=world.bcast(bars))
 
 
-def _judge(
-    solved: Solved,
-    error: DiscretizationError,
-    ladder: MeshLadder,
-    bars: Mapping[str, Bar],
-    edges: Edges | None,
-    clock: Clock,
-) -> None:
+def _judge(solved: Solved, ladder: MeshLadder, clock: Clock) -> None:
     """Put warnings, bars and what led to the mesh into the summary. Collective."""
-    assembly, solution, steps = solved.assembly, solved.solution, solved.steps
+    assembly, solution, edges = solved.assembly, solved.solution, solved.edges
     with clock.phase("doubt"):
         free = [] if solution.mechanism else undetermined_motions(assembly, solution.states)
-        warnings = [*assembly.warnings, *locking_of(assembly.scene)]
+        warnings = [*assembly.warnings, *locking_of(solved.scene)]
         if edges:
-            warnings += _of_answer(assembly, solution, steps, error, solved.fields, free, edges)
+            warnings += _of_answer(solved, free, edges)
         else:
-            warnings += [*_of_meshes(assembly), *steps.doubts_beside(())]
+            warnings += [*_of_meshes(assembly), *solved.steps.doubts_beside(())]
     if solved.summary:
-        conclude(solved.summary, solution, ladder, bars, condensed(warnings), free)
+        conclude(solved, ladder, condensed(warnings), free)
 
 
-def _errors(
-    assembly: Assembly, solution: Solution, cycles: int, clock: Clock
-) -> dict[str, Measured]:
+def _errors(solved: Solved, clock: Clock) -> dict[str, Measured]:
     """What is known of the errors of results. Collective."""
-    scene, time = assembly.scene, solution.time
-    factors = scene.factors(1.0 if time is None else scene.drawn(time, cycles))
-    wanted = wanted_errors(assembly.scene)
+    solution, wanted = solved.solution, wanted_errors(solved.scene)
     if not solution.certified:
         return {result: Measured(word=UNCERTIFIED) for result in wanted}
     if not wanted:
         return {}
     assert isinstance(solution.outer, Newton)
     with clock.phase("errors"):
-        return measure_errors(assembly, solution.outer, solution, wanted, factors)
+        return measure_errors(solved.assembly, solution.outer, solution, wanted, solved.factors)

@@ -4366,7 +4366,7 @@ MUTANTS = [
         (
             "stresses of a body that is carried grow without limit",
             "run/run",
-            "field.von_mises if error.estimates[name].energy else None",
+            "field.von_mises if solved.error.estimates[name].energy else None",
             "field.von_mises",
             f"{BARS}::test_numbers_that_are_rounding_have_bars_of_rounding",
         ),
@@ -4648,8 +4648,8 @@ MUTANTS = [
         (
             "places of bodies that move far are as drawn",
             "run/gather",
-            "points = frame.at(points + displacement)",
-            "points = points + solution.displacements[name]",
+            "points = frame.at(points + u)",
+            "points = points + u",
             "results/test_places.py::test_places_of_bodies_that_move_far_are_where_they_are_now",
         ),
         (
@@ -4676,8 +4676,8 @@ MUTANTS = [
         (
             "a drawn body wants an estimate without a target",
             "run/run",
-            "squares = _squares(solved, error, misses) if misses else {}",
-            "squares = _squares(solved, error, misses)",
+            "squares = _squares(solved, misses) if misses else {}",
+            "squares = _squares(solved, misses)",
             "run/test_contacts_alone.py::test_a_drawn_body_needs_no_estimate_without_a_target",
         ),
         (
