@@ -1,7 +1,6 @@
 """How bodies move under the contact forces that are found, and the forces on them by group."""
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -25,85 +24,80 @@ displacements; by name the sizes for the certificate; by contact and side the mo
 
 
 def displaced(
-    assembly: Assembly, outer: Outer, largest: np.ndarray, left: np.ndarray | None = None
+    assembly: Assembly, outer: Outer, largest: np.ndarray, left: np.ndarray | None, lean: bool
 ) -> Moved:
-    """By displacements of all nodes. `left` (rigid.size,) are the loads along motions that are not held which the forces
-    leave without balance (N), None if none is held. Not collective."""
-    displacements = dict[str, np.ndarray]()
-    traces = list[np.ndarray]()
-    sizes = dict[str, dict[str, Any]]()
-    beside: dict[tuple[str, int], tuple[np.ndarray, np.ndarray, float]] = {}
+    """How bodies move, by displacements of all nodes; if `lean`, by products with the compliances, as far as these know
+    it. `left` (rigid.size,) are the loads along motions that are not held which the forces leave without balance (N),
+    None if none is held. Not collective."""
+    moved: Moved = {}, [], {}, {}
+    displacements, traces, sizes, beside = moved
+    joint, find = assembly.joint, _at_contacts if lean else _at_nodes
     for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
-        member, at = body.member, assembly.joint.slices[body.spec.name]
-        alpha = outer.motions[at]
-        u = np.zeros_like(member.elasticity.acting.prescribed)
-        apart = np.nan
-        acting = 0.0
-        energy = np.nan
-        with (
-            assembly.exchange.deferred()
-        ):  # an error is raised on all ranks, after the next exchange
-            u, apart, acting, energy = recover(
-                member, s, alpha, largest, _of_body(assembly, at, left)
-            )
-        traces.append(member.trace(u))
-        # C s, by which contact forces move the contacts: all but the free displacement and rigid motions
-        yielding = float(np.abs(member.h + member.G.T @ alpha - traces[-1]).max(initial=0.0))
-        displacements[member.name] = u
-        beside |= {key: (*motion, yielding) for key, motion in member.beside(u).items()}
-        farthest = float(np.linalg.norm(u, axis=1).max())
-        sizes[member.name] = {
-            "left": apart,
-            "acting": acting,
-            "moved": farthest,
-            "yielding": yielding,
-            "made": member.stiffness * farthest,
-            "load": member.elasticity.load,
-            "energy": energy,
-            "confined": member.elasticity.acting.confined,
-            "work": member.work(u, s),
-        }
-    return displacements, traces, sizes, beside
+        member, at = body.member, joint.slices[body.spec.name]
+        apart = left[at] if left is not None and joint.stays.held[at].any() else None
+        u, trace, near, size = find(assembly, member, s, outer.motions[at], largest, apart)
+        if not lean:
+            displacements[member.name] = u
+        traces.append(trace)
+        beside |= near
+        sizes[member.name] = size | {"made": member.stiffness * size["moved"], "load": member.load}
+    return moved
 
 
-def _of_body(assembly: Assembly, at: slice, left: np.ndarray | None) -> np.ndarray | None:
-    """The part of `left` of the body with the motions `at`, None if none of these is held. Not collective."""
-    return left[at] if left is not None and assembly.joint.stays.held[at].any() else None
+def _at_nodes(
+    assembly: Assembly,
+    member: Member,
+    s: np.ndarray,
+    alpha: np.ndarray,
+    largest: np.ndarray,
+    apart: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray, dict[tuple[str, int], tuple], dict[str, Any]]:
+    """Of a body its displacements (nv, d), those at its contacts, the motion beside the nodes, and its sizes."""
+    acting = member.elasticity.acting
+    u, balance = np.zeros_like(acting.prescribed), [np.nan, 0.0, np.nan]
+    with assembly.exchange.deferred():  # an error is raised on all ranks, after the next exchange
+        u, *balance = recover(member, s, alpha, largest, apart)
+    trace = member.trace(u)
+    # C s, by which contact forces move the contacts: all but the free displacement and rigid motions
+    yielding = float(np.abs(member.h + member.G.T @ alpha - trace).max(initial=0.0))
+    beside = {key: (*motion, yielding) for key, motion in member.beside(u).items()}
+    sizes = dict(zip(("left", "acting", "energy"), balance, strict=True)) | {
+        "moved": float(np.linalg.norm(u, axis=1).max()),
+        "yielding": yielding,
+        "confined": acting.confined,
+        "work": member.work(u, s),
+    }
+    return u, trace, beside, sizes
 
 
-def at_contacts(
-    assembly: Assembly, outer: Outer, largest: np.ndarray, left: np.ndarray | None = None
-) -> Moved:
-    """The same by products with the compliances, as far as these know it. Not collective."""
+def _at_contacts(
+    assembly: Assembly,
+    member: Member,
+    s: np.ndarray,
+    alpha: np.ndarray,
+    largest: np.ndarray,
+    apart: np.ndarray | None,
+) -> tuple[np.ndarray, np.ndarray, dict[tuple[str, int], tuple], dict[str, Any]]:
+    """The same by a product with the compliance, whose displacements are those at contacts."""
     force, moved, _ = NOTHING * largest
-    traces = list[np.ndarray]()
-    sizes = dict[str, dict[str, Any]]()
-    beside = dict[tuple[str, int], tuple]()
-    for body, s in zip(assembly.bodies, outer.body_forces(), strict=True):
-        member, at = body.member, assembly.joint.slices[body.spec.name]
-        alpha, apart = outer.motions[at], _of_body(assembly, at, left)
-        u, yielded, energy, work = *np.full((2, member.size), np.nan), np.nan, np.zeros((2, 1))
-        with assembly.exchange.deferred():
-            u, yielded, energy, work = member.at_contacts(s, alpha)
-        acting = max(norm(member.e), norm(s))
-        if acting <= force and np.abs(u).max(initial=0.0) <= moved:  # as in `recover`
-            u = np.zeros_like(u)  # loads that move no contact store energy all the same
-        traces.append(u)
-        farthest, yielding = (float(np.abs(array).max(initial=0.0)) for array in (u, yielded))
-        beside |= {(name, side): (None, None, yielding) for name, (_, side) in member.parts.items()}
-        apart = member.e - member.G @ s if apart is None else apart
-        sizes[member.name] = {
-            "left": norm(apart),
-            "acting": acting,
-            "moved": farthest,
-            "yielding": yielding,
-            "made": member.stiffness * farthest,
-            "load": member.load,
-            "energy": energy,
-            "confined": 0.0,  # of the ends of legs
-            "work": work,
-        }
-    return {}, traces, sizes, beside
+    u, yielded, energy, work = *np.full((2, member.size), np.nan), np.nan, np.zeros((2, 1))
+    with assembly.exchange.deferred():
+        u, yielded, energy, work = member.at_contacts(s, alpha)
+    acting = max(norm(member.e), norm(s))
+    if acting <= force and np.abs(u).max(initial=0.0) <= moved:  # as in `recover`
+        u = np.zeros_like(u)  # loads that move no contact store energy all the same
+    farthest, yielding = (float(np.abs(array).max(initial=0.0)) for array in (u, yielded))
+    beside = {(name, side): (None, None, yielding) for name, (_, side) in member.parts.items()}
+    sizes = {
+        "left": norm(member.e - member.G @ s if apart is None else apart),
+        "acting": acting,
+        "energy": energy,
+        "moved": farthest,
+        "yielding": yielding,
+        "confined": 0.0,  # of the ends of legs
+        "work": work,
+    }
+    return u, u, beside, sizes
 
 
 def recover(
@@ -114,8 +108,7 @@ def recover(
     apart: np.ndarray | None = None,
 ) -> tuple[np.ndarray, float, float, float]:
     """`Member.displacement`, but zero where it and its forces are rounding beside the `largest` sizes (3,) so far."""
-    solve = member.displacement if apart is None else partial(member.displacement, left=apart)
-    u, left, acting, energy = solve(s, alpha)
+    u, left, acting, energy = member.displacement(s, alpha, left=apart)
     force, moved, _ = NOTHING * largest
     if acting <= force and np.abs(u).max() <= moved:
         u, energy = np.zeros_like(u), 0.0

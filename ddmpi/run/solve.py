@@ -32,7 +32,7 @@ from ddmpi.results.checkpoint import Checkpoints
 from ddmpi.run.equilibrium import describe_drift, look_for_mechanism
 from ddmpi.run.held import Held, HeldMotion, beyond_meshes, judge_held, motions_to_hold, slides
 from ddmpi.run.least import least_motion
-from ddmpi.run.recover import at_contacts, displaced, driven_partners
+from ddmpi.run.recover import displaced, driven_partners
 from ddmpi.scene.contacts import NoFriction
 from ddmpi.scene.method import SettledMethod
 from ddmpi.system.agreement import agreed, gathered
@@ -464,9 +464,8 @@ class Iteration:
         """
         assembly, outer = self.assembly, self.outer
         world, joint = assembly.world, assembly.joint
-        displacements, traces, sizes, motions = (at_contacts if lean else displaced)(
-            assembly, outer, largest, joint.unheld(outer.forces, outer.motions)
-        )
+        left = joint.unheld(outer.forces, outer.motions)
+        displacements, traces, sizes, motions = displaced(assembly, outer, largest, left, lean)
         outer.refresh(traces)
         both = assembly.exchange.collect(traces, "answer")
         beside = assembly.exchange.swap_objects(motions)

@@ -149,7 +149,9 @@ def test_what_a_lean_certificate_doubts_is_judged_by_displacements(monkeypatch):
 
     monkeypatch.setattr(Member, "at_contacts", wrong)
     monkeypatch.setattr(
-        Member, "displacement", lambda *what: seen.append(what) or displacement(*what)
+        Member,
+        "displacement",
+        lambda *what, **left: seen.append(what) or displacement(*what, **left),
     )
     scene = stepped(turned(), "legs", steps=2)
     answer = certified(scene)

@@ -167,8 +167,8 @@ MUTANTS = [
         (
             "a body without contacts stores nothing in lean steps",
             "run/recover",
-            "u = np.zeros_like(u)\n        traces",
-            "u, energy = (np.zeros_like(u), 0.0)\n        traces",
+            "u = np.zeros_like(u)\n    farthest",
+            "u, energy = (np.zeros_like(u), 0.0)\n    farthest",
             f"{PRODUCTS}[traction by value-strain-2-steps]",
         ),
         # petsc, system
