@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.body.stress import STRAIGHT_BLOCK, blocks
+from ddmpi.body.stress import STRAIGHT_BLOCK
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh
 
@@ -66,7 +66,7 @@ class Recovery(NamedTuple):
     def around(self, vertex: np.ndarray, places: np.ndarray) -> np.ndarray:
         """The polynomials (n, …, t) of vertices (t,) at places (d, …, t)."""
         p = self.vertices.monomials(vertex, places)
-        return np.einsum("k...t,knt->n...t", p, self.fits[..., vertex])
+        return np.einsum("k...t,knt->n...t", p, np.take(self.fits, vertex, axis=2))
 
 
 class Patches(NamedTuple):
@@ -113,20 +113,16 @@ def _kept(mesh: Mesh) -> Patches:
 def _patches(mesh: Mesh) -> Patches:
     """Polynomials are fitted or, at the boundary, `_borrowed`; at middle nodes they are the mean of those of both
     corners."""
-    number, corners = np.unique(mesh.corners, return_inverse=True)
-    corners, at = corners.reshape(mesh.corners.shape), mesh.points[number]
+    is_vertex = np.zeros(len(mesh.points), bool)
+    is_vertex[mesh.corners] = True
+    number, corners = np.flatnonzero(is_vertex), (np.cumsum(is_vertex) - 1)[mesh.corners]
+    at, cells = mesh.points[number], np.repeat(np.arange(len(corners)), corners.shape[1])
+    around = sparse.csr_matrix((np.ones(corners.size), (corners.ravel(), cells)))  # (m, nt)
     # Coordinates relative to the vertex, over the size of its cells, keep the normal equations well conditioned.
-    reach = np.zeros(len(at))
-    for block in blocks(len(corners)):
-        np.maximum.at(
-            reach,
-            corners[block],
-            np.linalg.norm(np.ptp(at[corners[block]], axis=1), axis=1)[:, None],
-        )
+    sizes = np.linalg.norm(np.ptp(np.take(at.T, corners.T, axis=1), axis=1), axis=0)
+    reach = np.maximum.reduceat(sizes[around.indices], around.indptr[:-1])
     vertices = Vertices(number, corners, at, reach, mesh.order)
     outer = np.searchsorted(number, np.unique(mesh.boundary[0][:, : mesh.cell.facet.corners]))
-    cells = np.repeat(np.arange(len(corners)), corners.shape[1])
-    around = sparse.csr_matrix((np.ones(corners.size), (corners.ravel(), cells)))  # (m, nt)
     # At the boundary cells count as often as they are around the vertex or one beside it.
     at_boundary = np.zeros(len(at))
     at_boundary[outer] = 1.0
@@ -160,7 +156,7 @@ def _fitted(
     for first, last in itertools.pairwise(ends):
         some = patches[first:last]
         vertex = first + np.repeat(np.arange(last - first), np.diff(some.indptr))
-        p = vertices.monomials(vertex, places[..., some.indices])
+        p = vertices.monomials(vertex, np.take(places, some.indices, axis=2))
         columns = (q * some.indices[:, None] + np.arange(q, dtype=some.indices.dtype)).ravel()
         shape = last - first, q * patches.shape[1]
         yield [
@@ -179,9 +175,11 @@ def _fits(p: np.ndarray, patches: sparse.csr_matrix, first: int) -> np.ndarray:
             M[:, a, b] = M[:, b, a] = np.add.reduceat((weighted[a] * p[b]).sum(axis=0), starts)
     inverse, left = np.zeros_like(M), np.arange(len(starts))
     for terms in (k, first, 1):
-        solvable = left[_well_posed(M[left, :terms, :terms])]
+        posed = _well_posed(M[left, :terms, :terms])
+        solvable, left = left[posed], left[~posed]
         inverse[solvable, :terms, :terms] = np.linalg.inv(M[solvable, :terms, :terms])
-        left = np.setdiff1d(left, solvable)
+        if not len(left):
+            break
     of_cells = np.repeat(inverse.transpose(1, 2, 0), np.diff(patches.indptr), axis=2)
     return np.einsum("abi,bqi->aqi", of_cells, weighted)
 
