@@ -55,9 +55,9 @@ motions of loose bodies, and those of `overlap`."""
 ROUNDED = ("uncertain", "undecided")  # the kinds of doubts of forces that rounding decides
 
 
-def edge_lengths(mesh: Mesh) -> np.ndarray:
-    """(nt, k) of the straight edges of cells (m). Not collective."""
-    ends = mesh.points[mesh.corners[:, mesh.cell.edges[:, :2]]]
+def edge_lengths(mesh: Mesh, cells: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """(t, k) of the straight edges of t cells, of all without a choice (m). Not collective."""
+    ends = mesh.points[mesh.corners[cells][:, mesh.cell.edges[:, :2]]]
     return np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
 
 
@@ -70,18 +70,18 @@ def locking_of(scene: Settled) -> list[str]:
     ]
 
 
-def qualities(mesh: Mesh) -> np.ndarray:
-    """(nt,) measures of cells, of bricks by their least Jacobian, over those of regular ones with edges as long in the
+def qualities(mesh: Mesh, cells: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """(t,) measures of t cells, of bricks by their least Jacobian, over those of regular ones with edges as long in the
     mean: 1 for a regular cell, 0 for a degenerate one. Not collective."""
-    mean = np.sqrt((edge_lengths(mesh) ** 2).mean(axis=1))
-    return _jacobians(mesh).min(axis=0) / (mesh.cell.regular * mean**mesh.dimension)
+    mean = np.sqrt((edge_lengths(mesh, cells) ** 2).mean(axis=1))
+    return _jacobians(mesh, cells).min(axis=0) / (mesh.cell.regular * mean**mesh.dimension)
 
 
-def _jacobians(mesh: Mesh) -> np.ndarray:
-    """(q, nt) measures of straight cells by their tangents: of simplices once, of bricks at all corners."""
+def _jacobians(mesh: Mesh, cells: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """(q, t) measures of straight cells by their tangents: of simplices once, of bricks at all corners."""
     cell = mesh.cell.straight
     hats = cell.middle if cell.simplex else cell.nodes
-    return cell.map(mesh.points[mesh.corners], hats).measures
+    return cell.map(mesh.points[mesh.corners[cells]], hats).measures
 
 
 def doubt_cells(mesh: Mesh, name: str) -> str:
@@ -401,16 +401,17 @@ def doubt_stress(
 def _in_thin_cell(body: Body, stress: np.ndarray, unit: str) -> Iterator[str]:
     """A warning where the largest of the stresses (nt,) of a body is that of a thin cell among good ones, and of no
     other one. In a layer whose cells are all thin, in the same way, stresses are not poor."""
-    quality, k = qualities(body.mesh), int(stress.argmax())
+    mesh, k = body.mesh, int(stress.argmax())
     largest = stress >= (1.0 - SAME) * stress[k]
-    nodes = np.unique(body.mesh.corners[largest])
-    around = np.isin(body.mesh.corners, nodes).any(axis=1)
-    thin = quality < LIMIT["thin"]
-    if thin[largest].all() and np.median(quality[around]) > 2.0 * LIMIT["thin"]:
-        place = in_words(body.mesh.points[body.mesh.corners[k]].mean(axis=0), 4)
+    if not (qualities(mesh, largest) < LIMIT["thin"]).all():
+        return
+    around = np.isin(mesh.corners, np.unique(mesh.corners[largest])).any(axis=1)
+    if np.median(qualities(mesh, around)) > 2.0 * LIMIT["thin"]:
+        place = in_words(mesh.points[mesh.corners[k]].mean(axis=0), 4)
+        quality = float(qualities(mesh, np.array([k]))[0])
         yield Doubt(
             f"body.{body.spec.name}.mesh: the largest von Mises stress, {stress[k]:.4g} {unit}, is in a thin cell at "
-            f"{place} with {quality[k]:.2g} of the measure of a regular one; stresses are poor there",
+            f"{place} with {quality:.2g} of the measure of a regular one; stresses are poor there",
             "stress in a thin cell",
             float(stress[k]),
         )
@@ -438,7 +439,7 @@ def _singular(
         )
     ]
     for known in edges:
-        reach = edge_lengths(mesh)[largest].max()
+        reach = edge_lengths(mesh, largest).max()
         for place, what in zip(known.places, known.what, strict=True):
             near = bool(np.linalg.norm(points[top] - place, axis=1).min() <= reach)
             where.append((place[None][: int(near)], what, beside))
