@@ -184,15 +184,19 @@ class StepLog:
         return [doubt for kind, doubt in self.doubts.items() if kind not in known]
 
     def excess(self, since: dict[str, Any], given: float = 0.0) -> float:
-        """By how much friction has dissipated more than the interface work since a `state`, over all dissipation.
+        """By how much friction has dissipated more than the interface work in steps since a `state`, over all
+        dissipation.
 
-        The exact value is never positive; a positive one shows that steps are too coarse where slip begins within one.
-        The work `given` (J) of an overlap that acts at once does not count: no step divides it.
+        The exact value is never positive; a positive one shows that steps are too coarse where slip begins, or a
+        contact opens, within one. Another step, in which gaps close, cannot make up for it. The work `given` (J) of an
+        overlap that acts at once, in the first step, does not count: no step divides it.
         """
-        rows, k = np.array(self.energies or np.zeros((1, 6))), len(since["energies"])
-        took, dissipated = rows[-1, 3:5] - (rows[k - 1, 3:5] if k else 0.0)
+        rows, k = np.array([np.zeros(6), *self.energies]), len(since["energies"])
+        took, dissipated = np.diff(rows[k:, 3:5], axis=0).T
         size = max(rows[-1, 4], LITTLE * np.abs(rows[:, 1:4]).max())
-        return max(0.0, dissipated - (took - given)) / size if size else 0.0
+        more = dissipated - took
+        more[:1] += given
+        return np.maximum(more, 0.0).sum() / size if size else 0.0
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""

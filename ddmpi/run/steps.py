@@ -40,7 +40,7 @@ ROLLED = 0.1  # error of rolled ways, over `time.tolerance`
 SHORT = 0.01  # where gaps close along a leg, its first step is divided at this fraction, to learn how fast they close
 
 EXCESS = 0.1
-"""Given load steps are too long if friction dissipates more than contacts take by more than this fraction."""
+"""Given load steps are too long if `StepLog.excess` is larger: if friction dissipates this much more than contacts take."""
 
 CUTS = 6
 """Most times that a failing step is halved, and that the leg's shortest planned step may be: steps that are halved
@@ -504,14 +504,15 @@ class March:
         return enough
 
     def _too_long(self) -> list[str]:
-        """A warning where energies show that the given steps of bodies that move far are too long."""
-        given = self._steps and self.assembly.frames
-        excess = self.log.excess({"energies": ()}, self._given) if given else 0.0
+        """A warning where energies show that given steps are too long. Collective."""
+        rubs = self.assembly.space.any(np.array([len(self._frictional)]))
+        excess = self.log.excess({"energies": ()}, self._given) if self._steps and rubs else 0.0
         if excess <= EXCESS:
             return []
         words = (
-            f"energy: friction dissipates more than contacts take, by {100.0 * excess:.2g} % of what it dissipates: load "
-            f"steps are too long for energies to be true; give more than steps = {self._steps}, or leave steps out"
+            f"energy: friction dissipates more than contacts take, by {100.0 * excess:.2g} % of what it dissipates, or of a "
+            "tenth of the largest energy if that is more: load steps are too long for energies to be true; give more than "
+            f"steps = {self._steps}, or leave steps out"
         )
         return [Doubt(words, "energy", excess)]
 

@@ -163,6 +163,36 @@ def test_friction_remembers_how_it_was_sheared(steps):
     )
 
 
+@pytest.mark.parametrize(("stuck", "slipped", "percent"), [(0.78, 9.0, 11), (0.82, 9.0, 0)])
+def test_given_steps_that_are_too_long_for_energies_are_told(stuck, slipped, percent):
+    """In a step that begins at a part of the slip bound and ends with slip, contacts take ½ (1 + part) of what friction
+    dissipates; one more step, to the bound, ends that."""
+    scene, *_ = turned_stack(steps=1)
+    for points in ([stuck], [stuck, 1.0]):
+        times = [float(k) for k in range(len(points) + 2)]
+        for name, last in ("shift", slipped), ("shear", 1.0):
+            scene["history"][name] = {"times": times, "factors": [0.0, *points, last]}
+        scene["time"]["points"] = times[1:]
+        answer = certified(scene)
+        energy = answer.summary["energy"]
+        told = [each for each in answer.summary["warnings"] if "too long for energies" in each]
+        short = -energy["lost"] / energy["dissipated"]
+        assert short == pytest.approx(0.5 * (1.0 - points[-1]), abs=1e-6)
+        assert len(told) == (percent > 0 and points == [stuck])
+        assert all(f"more than contacts take, by {percent} % " in each for each in told)
+
+
+def test_no_step_makes_up_for_one_that_is_too_long():
+    """Contacts take 1 J less than friction dissipates in one step, and 2 J more in the next one, where gaps close."""
+    log = StepLog()
+    log.energies = [
+        [time, 9.0, 9.0, took, 4.0 * time, 0.0] for time, took in ((1.0, 3.0), (2.0, 9.0))
+    ]
+    assert log.excess({"energies": ()}) == 1.0 / 8.0
+    assert log.excess({"energies": ()}, given=-0.5) == 0.5 / 8.0
+    assert log.excess({"energies": log.energies[:1]}) == 0.0
+
+
 def test_a_proportional_load_dissipates_the_same_in_any_number_of_steps():
     """Blocks that slide as they are pressed: friction dissipates all that the contacts take, also without [time]."""
     scene = pressed_blocks([0.0, 1.0]) | {"method": {"tolerance": 1e-10}}

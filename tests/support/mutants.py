@@ -4378,6 +4378,20 @@ MUTANTS = [
             f"{FAR}::test_given_steps_that_are_too_long_are_told",
         ),
         (
+            "steps of small motions that are too long are not told",
+            "run/steps",
+            "if self._steps and rubs else 0.0",
+            "if self._steps and self.assembly.frames else 0.0",
+            "scenes/test_load_steps.py::test_given_steps_that_are_too_long_for_energies_are_told",
+        ),
+        (
+            "a step in which gaps close makes up for one that is too long",
+            "run/gather",
+            "np.maximum(more, 0.0).sum()",
+            "max(more.sum(), 0.0)",
+            "scenes/test_load_steps.py::test_no_step_makes_up_for_one_that_is_too_long",
+        ),
+        (
             "a bar without the stars",
             "judge/bars",
             "return (abs(known.signed) + known.stars,",
