@@ -414,7 +414,7 @@ def lost_loads(
                     f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
                     "this direction",
                     "lost",
-                    float(np.abs(f).sum()),
+                    np.abs(f).sum(),
                 )
                 for axis, lost in zip("xyz", acts & ~left, strict=False)
                 if lost

@@ -302,7 +302,7 @@ def kept_by_bonds(
                         f"contact.{name}: bonds of other contacts hold both sides together at {at}, so that the "
                         f"overlap of {-interface.gap[kept].min():.3g} there is left out",
                         "bonds",
-                        float(-interface.gap[kept].min()),
+                        -interface.gap[kept].min(),
                     ),
                 ],
             )

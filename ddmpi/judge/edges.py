@@ -445,6 +445,6 @@ def _pressure(state: ContactState, singular: Singular, unit: str) -> str:
                 f"{in_words(at, 4)}, where it grows without limit as the mesh is refined; take the force, or "
                 "the pressure beside it",
                 "infinite pressure",
-                float(largest),
+                largest,
             )
     return ""

@@ -470,7 +470,7 @@ def _in_partner(
             f"penetrates it by {depth[k]:.3g} {unit} between two of them, as at {in_words(moved[k], 4)}; refine "
             "the mesh there",
             "small",
-            float(depth[k]),
+            depth[k],
         )
     least = ALIKE * extent
     if (
@@ -494,6 +494,6 @@ def _in_partner(
         f"{where} {name} penetrates {rigid.name} by {depth[k]:.3g} {unit}, as at {in_words(moved[k], 4)}; "
         f"{WIDEN if contacts else ADD}{rigid.crossed}",
         "through",
-        float(depth[k]),
+        depth[k],
         f"body.{name}-{rigid.name}",
     )

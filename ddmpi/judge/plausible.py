@@ -95,7 +95,7 @@ def doubt_cells(mesh: Mesh, name: str) -> str:
             f"{in_words(mesh.points[mesh.corners[worst]].mean(axis=0), 4)} has {quality[worst]:.2g} of the measure of "
             "a regular one; stresses are poor there",
             "thin",
-            -float(quality[worst]),
+            -quality[worst],
         )
     skewed = int((sizes.max(axis=0) > LIMIT["skewed"] * sizes.min(axis=0)).sum())
     if skewed <= LIMIT["many"] * len(quality):
@@ -119,7 +119,7 @@ def doubt_shape(mesh: Mesh, name: str) -> str:
             f"body.{name}: it is about {ratio:.0f} times as long as it is thick; so slender a body bends far more than "
             "its contacts deform, and its contact forces may be lost in rounding",
             "slender",
-            float(ratio),
+            ratio,
         )
         if ratio > LIMIT["slender"]
         else ""
@@ -261,7 +261,7 @@ def _few_nodes(state: ContactState) -> Iterator[str]:
             f"contact.{state.interface.name}: only {closed} closed node{'s' * (closed != 1)}, too few to resolve "
             "the pressure; forces ripple as nodes open and close; refine the mesh there",
             "few",
-            -float(closed),
+            -closed,
         )
 
 
@@ -335,7 +335,7 @@ def _points_that_carry(
                 f"body.{name}.clamp: the point {on!r} carries a force of {force.max():.3g} {units['force']}; its "
                 "displacement grows without limit as the mesh is refined, so clamp a boundary group instead",
                 "point",
-                float(force.max()),
+                force.max(),
             )
 
 
@@ -413,7 +413,7 @@ def _in_thin_cell(body: Body, stress: np.ndarray, unit: str) -> Iterator[str]:
             f"body.{body.spec.name}.mesh: the largest von Mises stress, {stress[k]:.4g} {unit}, is in a thin cell at "
             f"{place} with {quality:.2g} of the measure of a regular one; stresses are poor there",
             "stress in a thin cell",
-            float(stress[k]),
+            stress[k],
         )
 
 
@@ -451,7 +451,7 @@ def _singular(
                     f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, is at {what} "
                     f"at {in_words(place, 4)}, where it grows without limit as the mesh is refined; {cure}",
                     "infinite stress",
-                    float(stress.max()),
+                    stress.max(),
                 )
             ]
     return []
@@ -514,7 +514,7 @@ def _held_through_air(state: ContactState, least: float, unit: str) -> Iterator[
             f"{in_words(state.interface.xy[k], 4)}, where the gap is {state.gap[k]:.3g} {unit}: the bound of law = "
             f'"{law}" asks for no pressure; with law = "coulomb" open nodes have no friction',
             "air",
-            float(air.sum()),
+            air.sum(),
         )
 
 
@@ -543,7 +543,7 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
         f"as at {place}, while contact forces move them by at most {state.yielding:.3g} {unit}; refine the "
         f"mesh{other}",
         "between",
-        float(overlap[k]),
+        overlap[k],
     )
 
 
@@ -591,7 +591,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
             f"too few nodes to resolve it, {size[k]:.0f}: the total force is right, the largest pressure and the "
             "approach of the bodies are not; refine the mesh there",
             "zone",
-            float(force[k]),
+            force[k],
         )
         return
     largest = int(np.argmax(np.nan_to_num(state.pressure)))
@@ -602,7 +602,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
             "the largest pressure is the force over the size of an element, and grows as the mesh is refined; take "
             "the force",
             "alone",
-            float(force[k]),
+            force[k],
         )
 
 
@@ -624,7 +624,7 @@ def _large_gradient(body: Body, u: np.ndarray) -> Iterator[str]:
             f"body.{body.spec.name}: strains and rotations reach {size[k]:.2g}, as at {place}; small-strain theory "
             "requires small ones",
             "gradient",
-            float(size[k]),
+            size[k],
         )
 
 
@@ -655,4 +655,4 @@ def _far_slip(assembly: Assembly, state: ContactState, moved: np.ndarray) -> Ite
             else f"nodes slid around {rigid.name!r} by up to {slid[k]:.2g} times its radius, as at {place}; normals are "
             "those before the motion"
         )
-        yield Doubt(said, "slid" if rigid is None else "turned", float(slid[k]))
+        yield Doubt(said, "slid" if rigid is None else "turned", slid[k])

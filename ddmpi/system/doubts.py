@@ -32,7 +32,9 @@ class Doubt(str):
 
     def __new__(cls, text: str, kind: str = "", size: float = 0.0, of: str = "") -> Self:
         subject = of or _subject(text)
-        return cls.of_parts(text, kind or kind_of(text), size, 1, (subject,) if subject else ())
+        return cls.of_parts(
+            text, kind or kind_of(text), float(size), 1, (subject,) if subject else ()
+        )
 
     @classmethod
     def of_parts(cls, worst: str, kind: str, size: float, number: int, of: Iterable[str]) -> Self:
