@@ -14,7 +14,7 @@ h_new = κ h_e η_e^(−1/(p+1)). In space the exponent is −2/(2p+3).
 
 import logging
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -110,20 +110,13 @@ class Level(NamedTuple):
     results: Mapping[str, Bar] = MappingProxyType({})
     cost: Cost = Cost()
 
-    @property
-    def errors(self) -> tuple[float, Mapping[str, Bar]]:
-        return self.error, self.results
-
     def told(self) -> dict[str, Any]:
         """Its entry in the summary, with results and their cost where errors of some are told."""
         entry = self._asdict()
         results, cost = entry.pop("results"), entry.pop("cost")
         if not results:
             return entry
-        bars = {
-            name: {"value": bar.value, "bar": bar.bar, "word": bar.word}
-            for name, bar in results.items()
-        }
+        bars = {name: bar.told() for name, bar in results.items()}
         return entry | {"results": bars, "seconds": cost.seconds, "bytes": cost.bytes}
 
 
@@ -319,14 +312,20 @@ class MeshLadder:
         target = self.scene.method.target_error
         return (1.0 - CAUTION / self.scene.body[0].mesh.order) * target if target else math.inf
 
-    def misses(self, error: float, bars: Mapping[str, Bar]) -> dict[str, Miss]:
-        """The errors by target, that in the energy norm and the `bars` of results. Where results have targets the first
-        is at most so large that there are bars."""
-        goal = min(self.goal, LARGEST) if self.targets else self.goal
-        found = {ENERGY: Miss(error, goal)} if self.scene.method.aimed else {}
-        half = 0.5 * self.scene.body[0].mesh.order
+    def _asked(self, level: Level) -> Iterator[tuple[str, Bar, float]]:
+        """Of each result with a target its name, its bar on a mesh, and the largest bar that is allowed."""
         for name, target in self.targets.items():
-            bar, most = bars[name], allowed(target, bars[name].value or 0.0) ** 0.5
+            bar = level.results[name]
+            yield name, bar, allowed(target, bar.value or 0.0)
+
+    def misses(self, level: Level) -> dict[str, Miss]:
+        """The errors of a mesh by target, that in the energy norm and the bars of results. Where results have targets the
+        first is at most so large that there are bars."""
+        goal = min(self.goal, LARGEST) if self.targets else self.goal
+        found = {ENERGY: Miss(level.error, goal)} if self.scene.method.aimed else {}
+        half = 0.5 * self.scene.body[0].mesh.order
+        for name, bar, within in self._asked(level):
+            most = within**0.5
             if (
                 bar.word and bar.excess > 1.0
             ):  # distances of neighbours fall with the square of the size
@@ -390,55 +389,51 @@ class MeshLadder:
             seen.append(levels[0]._replace(refinement=finer, error=error, dofs=dofs))
         return seen[-1].refinement
 
-    def _worst(self, error: float, bars: Mapping[str, Bar]) -> Miss:
+    def _worst(self, level: Level) -> Miss:
         """The largest of the errors over what is allowed."""
-        found = self.misses(error, bars).values()
-        return max(found, key=lambda miss: miss.over, default=Miss(error, self.goal))
+        found = self.misses(level).values()
+        return max(found, key=lambda miss: miss.over, default=Miss(level.error, self.goal))
 
-    def rate(self, error: float, bars: Mapping[str, Bar] = MappingProxyType({})) -> float:
+    def rate(self, level: Level) -> float:
         """The rate of geometries: the order of the elements, or less where the errors on this mesh are larger than was
         aimed for, as with singular stresses at corners. For results a step away from the first mesh, which is not made
         for them, says nothing."""
         order = float(self.scene.body[0].mesh.order)
         if len(self.levels) <= bool(self.targets):
             return order
-        before, now = self._worst(*self.levels[-1].errors), self._worst(error, bars)
+        before, now = self._worst(self.levels[-1]), self._worst(level)
         wanted = max(LADDER["aim drawn"] * before.goal / before.error, LADDER["drop"])
         seen = min(now.error / before.error * (before.goal / now.goal), LADDER["almost"])
         return min(max(order * math.log(seen) / math.log(wanted), LADDER["slowest"]), order)
 
     def proceed(
         self,
-        n: int,
-        error: float,
-        dofs: int,
-        demands: Mapping[str, Demand] | None = None,
-        bars: Mapping[str, Bar] = MappingProxyType({}),
-        cost: Cost = Cost(),  # noqa: B008
+        level: Level,
+        demands: Mapping[str, Demand] = MappingProxyType({}),
         alone: Mapping[str, Demand] = MappingProxyType({}),
     ) -> float | None:
         """Note the errors on this mesh; return the refinement of the next one, or None to stay with this one.
 
         Parameters
         ----------
-        error, bars : in the energy norm, and of results by name
+        level : this mesh; its refinement is known here
         demands : of all geometries, by the names of their bodies
-        cost : of this mesh
         alone : of all geometries, by results, the demand of meshes for one of them
         """
         self._alone = alone
         if self.missed:
             return None
         if self._all_drawn and self.levels:
-            self.refinement = round((dofs / self.levels[0].dofs) ** (1 / self.scene.dimension), 3)
-        self._rate = self.rate(error, bars)
-        self.levels.append(Level(self.refinement, n, error, dofs, bars, cost))
+            times = level.dofs / self.levels[0].dofs
+            self.refinement = round(times ** (1 / self.scene.dimension), 3)
+        self._rate = self.rate(level)
+        self.levels.append(level._replace(refinement=self.refinement))
         unmet = self._unmet()
         if not unmet:
             return None
         given = [body.name for body in self.scene.body if not body.mesh.refinable]
         vain = self._vain()
-        following = None if given or vain else self._next(demands or {})
+        following = None if given or vain else self._next(demands)
         if following:
             self.refinement = following
             log.info("%s: going on with %s", "; ".join(unmet), self.meshes)
@@ -461,22 +456,18 @@ class MeshLadder:
             found.append(
                 f"estimated discretization error {level.error:.2g}, at most {self.goal:.2g} is asked for"
             )
-        for name, target in self.targets.items():
-            told, bar, word, *_ = level.results[name]
-            value = told or 0.0
-            most = allowed(target, value)
-            if bar is None:
-                found.append(f"{name}: no bar, {word}")
-            elif bar > most:
-                found.append(f"{name}: {with_error(value, bar)}, at most {most:.2g} is asked for")
+        for name, bar, most in self._asked(level):
+            if bar.bar is None:
+                found.append(f"{name}: no bar, {bar.word}")
+            elif bar.bar > most:
+                told = with_error(bar.value or 0.0, bar.bar)
+                found.append(f"{name}: {told}, at most {most:.2g} is asked for")
         return found
 
     def _dear(self) -> str:
         """What the targets take that the last mesh misses, of which forecasts know, in words."""
         prices = {}
-        for name, target in self.targets.items():
-            bar, most = self.levels[-1].results[name], 0.0
-            most = allowed(target, bar.value or 0.0)
+        for name, bar, most in self._asked(self.levels[-1]):
             if bar.bar and bar.bar > most and (price := self.price(name, most / bar.bar)):
                 prices[name] = price
         if not prices:
@@ -486,15 +477,13 @@ class MeshLadder:
 
     def _vain(self) -> str:
         """Why no mesh at all meets the targets; empty otherwise."""
-        for name, target in self.targets.items():
-            bar = self.levels[-1].results[name]
+        for name, bar, most in self._asked(self.levels[-1]):
             if bar.word in FINAL:
                 return f"{name} has no bar on finer meshes either"
             former = [level.results[name] for level in self.levels[-3:]]
             peaks = [each.excess for each in former if each.word == UNRESOLVED]
             if name.endswith("_max") and len(peaks) == 3 and peaks[2] > STILL * peaks[0]:
                 return f"{name} grows with finer meshes: two of them do not bring it nearer to its neighbours"
-            most = allowed(target, bar.value or 0.0)
             if not self._all_drawn and self._stays(former, most):
                 return f"the bar of {name} stays as it is on finer meshes, as where straight sides of files have corners"
             if most >= bar.floor:
@@ -551,7 +540,7 @@ class MeshLadder:
         share, square, cells = (sum(column) for column in zip(*demands.values(), strict=True))
         # Equal errors of all new elements leave the fraction f of the error if κ^(2p) = f² Σ η_e² / Σ η_e^(2d/(2p+d)),
         # and take κ^(−d) Σ η_e^(2d/(2p+d)) elements, `times` as many as now.
-        worst = self._worst(*last.errors)
+        worst = self._worst(last)
         final = LADDER["aim drawn"] * worst.goal / worst.error
         scale = [
             (square * fraction**2 / share) ** (0.5 / rate)
@@ -572,7 +561,7 @@ class MeshLadder:
         )
 
     def _next_grid(self) -> int | None:
-        over = [level._replace(error=self._worst(*level.errors).over) for level in self.levels]
+        over = [level._replace(error=self._worst(level).over) for level in self.levels]
         return self._finer(over, 1.0, self.scene.method.max_unknowns)
 
     def _finer(self, levels: Sequence[Level], goal: float, most: float) -> int | None:

@@ -110,6 +110,10 @@ class Bar(NamedTuple):
     excess: float = 0.0
     floor: float = 0.0
 
+    def told(self) -> dict[str, float | str | None]:
+        """Its entry in the summary."""
+        return {"value": self.value, "bar": self.bar, "word": self.word}
+
 
 class Dual(NamedTuple):
     """The adjoint displacement of a body by a result.

@@ -344,8 +344,7 @@ def conclude(solved: Solved, ladder: MeshLadder, warnings: list[str], free: list
     summary["discretization_error"]["levels"] = plain([level.told() for level in ladder.levels])
     if bars:
         summary["errors"] = {
-            name: {"value": bar.value, "bar": bar.bar, "word": bar.word}
-            | {"half": ladder.price(name, 0.5) if bar.bar else None}
+            name: bar.told() | {"half": ladder.price(name, 0.5) if bar.bar else None}
             for name, bar in bars.items()
         }
 

@@ -30,6 +30,7 @@ from ddmpi.judge.accuracy import (
     ENERGY,
     Cost,
     Demand,
+    Level,
     MeshLadder,
     Miss,
     demand,
@@ -412,12 +413,13 @@ def _cost(assembly: Assembly, clock: Clock, idle: float) -> Cost:
 def _another_mesh(ladder: MeshLadder, solved: Solved, cost: Cost) -> bool:
     """Whether the ladder goes on to a finer mesh, or back to the last one with a certified answer, which has to be
     solved again. Collective."""
-    assembly, solution, error, bars = solved.assembly, solved.solution, solved.error, solved.bars
+    assembly, solution, error = solved.assembly, solved.solution, solved.error.relative
     if not solution.certified:
         return ladder.fall_back(solution.reason)
     world, bodies = assembly.world, assembly.bodies
     dofs = world.allreduce(sum(body.mesh.points.size for body in bodies))
-    misses, rate = ladder.misses(error.relative, bars), ladder.rate(error.relative, bars)
+    level = Level(ladder.refinement, assembly.n, error, dofs, solved.bars, cost)
+    misses, rate = ladder.misses(level), ladder.rate(level)
     drawn = {body.spec.name: body.mesh for body in bodies if body.spec.mesh.drawn}
     squares = _squares(solved, misses) if misses else {}
     wanted = {
@@ -427,7 +429,7 @@ def _another_mesh(ladder: MeshLadder, solved: Solved, cost: Cost) -> bool:
     }
     demands = merged(world, wanted)
     alone = _demands_alone(solved, drawn)
-    if not ladder.proceed(assembly.n, error.relative, dofs, demands, bars, cost, alone):
+    if not ladder.proceed(level, demands, alone):
         return False
     ladder.draw({name: (mesh, squares[name]) for name, mesh in drawn.items()})
     return True

@@ -171,7 +171,7 @@ def drawn_ladder(*settings: str, done: bool = True) -> tuple[MeshLadder, dict]:
     mesh = square(2)
     squares = np.linspace(1.0, 2.0, len(mesh.triangles))
     ladder = MeshLadder(scene)
-    if done and ladder.proceed(1000, 0.3, 1050, {"roller": demand(squares, 2, 2)}):
+    if done and ladder.proceed(Level(1, 1000, 0.3, 1050), {"roller": demand(squares, 2, 2)}):
         ladder.draw({"roller": (mesh, squares)})
     return ladder, {"roller": (mesh, squares)}
 
@@ -183,7 +183,7 @@ def test_ladder_of_drawn_meshes():
         (0.3 / (LADDER["aim drawn"] * 0.09)) ** 0.5, rel=1e-2
     )  # equal errors
     assert ladder.factor == 1 and "about 3900 unknowns" in ladder.meshes
-    assert ladder.proceed(4000, 0.08, 4200) is None and not ladder.missed
+    assert ladder.proceed(Level(1, 4000, 0.08, 4200)) is None and not ladder.missed
     assert ladder.levels[-1].refinement == 2.0  # what it has become
     mixed, _ = drawn_ladder(
         'body.block.mesh={shape="rectangle", size=[100, 200], divisions=[2, 4]}'
@@ -193,7 +193,7 @@ def test_ladder_of_drawn_meshes():
     assert refine_scene(mixed.scene, 3).body[0] == mixed.scene.body[0]
     assert refine_scene(mixed.scene, 3).body[1].mesh.divisions == (6, 12)
     one_step = MeshLadder(ladder.scene)
-    step = one_step.proceed(1000, 100.0, 1050, {"roller": demand(np.ones(200), 2, 2)})
+    step = one_step.proceed(Level(1, 1000, 100.0, 1050), {"roller": demand(np.ones(200), 2, 2)})
     assert step == pytest.approx(
         (1 / LADDER["drop"]) ** 0.5
     )  # coarse meshes do not say how fine the last one must be
@@ -204,7 +204,8 @@ def test_ladder_of_drawn_meshes_is_restored(tmp_path):
     from ddmpi.results.checkpoint import read, write
 
     ladder, own = drawn_ladder()
-    ladder.proceed(3000, 0.2, 3100, {"roller": demand(own["roller"][1], ladder.rate(0.2), 2)})
+    level = Level(1, 3000, 0.2, 3100)
+    ladder.proceed(level, {"roller": demand(own["roller"][1], ladder.rate(level), 2)})
     ladder.draw(own)
     write(tmp_path / "checkpoint.h5", {}, [{"ladder": ladder.state()}])
     (state,) = read(tmp_path / "checkpoint.h5")[1]
@@ -226,9 +227,9 @@ def test_drawn_meshes_do_not_exceed_the_most_unknowns():
     """A target that would take more unknowns than allowed is given up with the reason."""
     ladder, own = drawn_ladder("method.max_unknowns=2000")
     assert ladder.refinement <= np.sqrt(2000 / 1050) and not ladder.missed
+    level = Level(1, 1900, 0.2, 1990)
     assert (
-        ladder.proceed(1900, 0.2, 1990, {"roller": demand(own["roller"][1], ladder.rate(0.2), 2)})
-        is None
+        ladder.proceed(level, {"roller": demand(own["roller"][1], ladder.rate(level), 2)}) is None
     )
     assert "method.max_unknowns = 2000" in ladder.missed
 
@@ -255,14 +256,14 @@ def test_ladder_of_an_interrupted_run_goes_on_where_it_was():
     """A run that is interrupted on a finer mesh goes on with that mesh."""
     scene = scene_of(pinched_blocks(6), "method.target_error=0.01")
     ladder = MeshLadder(scene)
-    second = ladder.proceed(1000, 0.1, 1100)
-    third = ladder.proceed(1000 * second**2, 0.02, 1100 * second**2)
+    second = ladder.proceed(Level(1, 1000, 0.1, 1100))
+    third = ladder.proceed(Level(1, 1000 * second**2, 0.02, 1100 * second**2))
     again = MeshLadder(scene)
     again.restore(json.loads(json.dumps(ladder.state())))
     assert (again.refinement, again.levels) == (third, ladder.levels)
-    again.proceed(10**6, 0.0079, 10**6)
+    again.proceed(Level(1, 10**6, 0.0079, 10**6))
     assert len(again.levels) == 3 and len(ladder.levels) == 2
-    assert ladder.proceed(10**6, 0.0079, 10**6) is None
+    assert ladder.proceed(Level(1, 10**6, 0.0079, 10**6)) is None
     assert not ladder.missed
 
 
@@ -270,8 +271,14 @@ def test_an_estimate_meets_a_target_with_some_caution():
     """Those of linear triangles have been found a fifth too small, those of quadratic ones a tenth."""
     for order, good, bad in ((1, 0.079, 0.081), (2, 0.089, 0.091)):
         settings = ["method.target_error=0.1", *(f"body.{k}.mesh.order={order}" for k in (0, 1))]
-        assert MeshLadder(scene_of(pinched_blocks(6), *settings)).proceed(1000, good, 1000) is None
-        assert MeshLadder(scene_of(pinched_blocks(6), *settings)).proceed(1000, bad, 1000) > 1
+        assert (
+            MeshLadder(scene_of(pinched_blocks(6), *settings)).proceed(Level(1, 1000, good, 1000))
+            is None
+        )
+        assert (
+            MeshLadder(scene_of(pinched_blocks(6), *settings)).proceed(Level(1, 1000, bad, 1000))
+            > 1
+        )
 
 
 def test_no_target_for_linear_triangles_that_lock():
@@ -538,12 +545,12 @@ def test_a_ladder_that_went_back_stays_there():
     """A run that is interrupted after it went back to a coarser mesh goes on with that mesh and its reason."""
     ladder = MeshLadder(scene_of(pinched_blocks(6), "method.target_error=0.01"))
     assert not ladder.fall_back("no coarser mesh")
-    second = ladder.proceed(1000, 0.1, 1100)
+    second = ladder.proceed(Level(1, 1000, 0.1, 1100))
     assert ladder.fall_back("of this kind") and f"{second} times as fine" in ladder.missed
     again = MeshLadder(ladder.scene)
     again.restore(json.loads(json.dumps(ladder.state())))
     assert (again.refinement, again.missed, again.levels) == (1, ladder.missed, ladder.levels)
-    assert again.proceed(1000, 0.1, 1100) is None and len(again.levels) == 1
+    assert again.proceed(Level(1, 1000, 0.1, 1100)) is None and len(again.levels) == 1
     assert not again.fall_back("twice")
 
 

@@ -241,7 +241,7 @@ def test_a_bar_that_stays_ends_the_ladder(bars, ends):
     ladder = seen(*bars[:-1])
     refinement, last = bars[-1]
     ladder.refinement, n = refinement, round(500 * refinement**2)
-    ladder.proceed(n, 0.1, n, bars={NORMAL: Bar(100.0, last, "", last)})
+    ladder.proceed(Level(1, n, 0.1, n, {NORMAL: Bar(100.0, last, "", last)}))
     assert ("stays as it is on finer meshes, as where straight sides" in ladder.missed) == ends
 
 
@@ -261,7 +261,7 @@ def test_meshes_of_drawings_cost_what_equal_errors_take():
     ladder = ladder_of({PIN[0]: 1e-3}, pin_in_lug())
     cost, bars = Cost(1.0, 0.0, 4e8, 1e8), {PIN[0]: Bar(100.0, 8.0, "", 8.0)}
     equal = {PIN[0]: demand(np.ones(1000), 2.0, 2)}
-    ladder.proceed(5000, 0.1, 5000, {"pin": equal[PIN[0]]}, bars, cost, equal)
+    ladder.proceed(Level(1, 5000, 0.1, 5000, bars, cost), {"pin": equal[PIN[0]]}, equal)
     price = ladder.price(PIN[0], 0.5)
     assert price["unknowns"] == pytest.approx(5000 / (0.5 * LADDER["aim drawn"] ** 2) ** 0.5, abs=1)
     few = {PIN[0]: demand(np.append(np.ones(10), 1e-9 * np.ones(990)), 2.0, 2)}
@@ -396,15 +396,19 @@ def test_the_root_of_a_bar_is_an_error():
     """Over what is allowed; a peak that is not resolved errs by how far it differs from its neighbours."""
     ladder = ladder_of({NORMAL: 0.01, ALONG: {"within": 4.0}})
     bars = {NORMAL: Bar(-100.0, 9.0, "", 9.0), ALONG: Bar(5.0, 1.0, "", 1.0)}
-    found = ladder.misses(0.1, bars)
+    found = ladder.misses(Level(1, 1, 0.1, 1, bars))
     assert found[NORMAL].over == pytest.approx(3.0) and found[ALONG].over == pytest.approx(0.5)
     assert found[""] == Miss(0.1, LARGEST)  # above there are no bars
     assert allowed(ladder.targets[NORMAL], -100.0) == 1.0
     peak = bars | {ALONG: Bar(5.0, None, UNRESOLVED, 1.0, 2.5)}
-    assert ladder.misses(0.1, peak)[ALONG].over == pytest.approx(2.5)
+    assert ladder.misses(Level(1, 1, 0.1, 1, peak))[ALONG].over == pytest.approx(2.5)
     alone = bars | {ALONG: Bar(5.0, None, UNRESOLVED, 1.0, np.inf)}
-    assert ladder.misses(0.1, alone)[ALONG].over == pytest.approx(LADDER["unresolved"])
-    linear = ladder_of({ALONG: 0.1}, None, "body.upper.mesh.order=1").misses(0.1, peak)
+    assert ladder.misses(Level(1, 1, 0.1, 1, alone))[ALONG].over == pytest.approx(
+        LADDER["unresolved"]
+    )
+    linear = ladder_of({ALONG: 0.1}, None, "body.upper.mesh.order=1").misses(
+        Level(1, 1, 0.1, 1, peak)
+    )
     assert linear[ALONG].over == pytest.approx(2.5**0.5)
 
 
@@ -412,8 +416,8 @@ def test_a_ladder_goes_on_while_there_are_words():
     """Where the mesh is too coarse, the error in the energy norm decides."""
     ladder = ladder_of({NORMAL: 0.5})
     coarse = {NORMAL: Bar(100.0, None, COARSE, 1.0)}
-    assert ladder.proceed(500, 0.5, 550, bars=coarse) == 3
-    assert ladder.proceed(4500, 0.24, 4900, bars={NORMAL: Bar(100.0, 30.0, "", 30.0)}) is None
+    assert ladder.proceed(Level(1, 500, 0.5, 550, coarse)) == 3
+    assert ladder.proceed(Level(1, 4500, 0.24, 4900, {NORMAL: Bar(100.0, 30.0, "", 30.0)})) is None
     assert not ladder.missed
 
 
@@ -424,7 +428,9 @@ def test_a_peak_that_finer_meshes_leave_as_it_is_ends_the_ladder(excess, ends):
     for k, one in enumerate(excess, 1):
         assert not ladder.missed
         ladder.proceed(
-            500 * k * k, 0.1, 550 * k * k, bars={PRESSURE: Bar(9.0, None, UNRESOLVED, 1.0, one)}
+            Level(
+                1, 500 * k * k, 0.1, 550 * k * k, {PRESSURE: Bar(9.0, None, UNRESOLVED, 1.0, one)}
+            )
         )
     assert ("do not bring it nearer to its neighbours" in ladder.missed) == ends
 
@@ -439,7 +445,7 @@ def test_a_ladder_of_drawings_has_an_end(meshes):
     ]
     equal = {PIN[0]: demand(np.ones(1000), 2.0, 2)}
     bars = {PIN[0]: Bar(1e3, 8.9, "", 8.9)}
-    ladder.proceed(5000, 0.1, 5000, {"pin": equal[PIN[0]]}, bars, alone=equal)
+    ladder.proceed(Level(1, 5000, 0.1, 5000, bars), {"pin": equal[PIN[0]]}, equal)
     assert (f"{meshes} meshes did not reach it" in ladder.missed) == (meshes == LADDER["meshes"])
     assert ladder.missed
 
@@ -447,7 +453,7 @@ def test_a_ladder_of_drawings_has_an_end(meshes):
 def test_the_bars_of_a_ladder_are_kept():
     ladder = ladder_of({NORMAL: 0.01})
     cost = Cost(2.0, 1.0, 3e8, 1e8)
-    ladder.proceed(500, 0.1, 550, bars={NORMAL: Bar(100.0, 9.0, "", 9.0)}, cost=cost)
+    ladder.proceed(Level(1, 500, 0.1, 550, {NORMAL: Bar(100.0, 9.0, "", 9.0)}, cost))
     again = ladder_of({NORMAL: 0.01})
     again.restore(json.loads(json.dumps(ladder.state())))
     assert again.levels == ladder.levels and again.refinement == ladder.refinement > 1
@@ -459,7 +465,7 @@ def test_the_bars_of_a_ladder_are_kept():
 def test_a_checkpoint_gives_a_ladder_back(tmp_path):
     """A run without one takes the rest of the state."""
     ladder, identity = ladder_of({NORMAL: 0.01}), {"versions": {}}
-    ladder.proceed(500, 0.1, 550, bars={NORMAL: Bar(100.0, 9.0, "", 9.0)})
+    ladder.proceed(Level(1, 500, 0.1, 550, {NORMAL: Bar(100.0, 9.0, "", 9.0)}))
     state = {"ladder": ladder.state(), "goal": 3.0}
     checkpoint.write(tmp_path / CHECKPOINT, identity, [state])
     for again in (ladder_of({NORMAL: 0.01}), None):
@@ -475,9 +481,9 @@ def test_a_step_to_meshes_made_for_results_says_nothing_of_their_rate():
     def bar(size: float) -> dict:
         return {PIN[0]: Bar(1000.0, size, "", size)}
 
-    assert ladder.rate(0.1, bar(30.0)) == 2.0
-    ladder.proceed(5000, 0.1, 5100, bars=bar(30.0))
-    assert ladder.rate(0.1, bar(20.0)) == 2.0
+    assert ladder.rate(Level(1, 1, 0.1, 1, bar(30.0))) == 2.0
+    ladder.proceed(Level(1, 5000, 0.1, 5100, bar(30.0)))
+    assert ladder.rate(Level(1, 1, 0.1, 1, bar(20.0))) == 2.0
     ladder.missed = ""
     ladder.levels.append(ladder.levels[0]._replace(results=bar(20.0)))
-    assert ladder.rate(0.1, bar(15.0)) < 1.0
+    assert ladder.rate(Level(1, 1, 0.1, 1, bar(15.0))) < 1.0

@@ -3545,8 +3545,8 @@ MUTANTS = [
         (
             "a word is a bar",
             "judge/accuracy",
-            "if bar is None:",
-            "if bar is None and False:",
+            "if bar.bar is None:",
+            "if bar.bar is None and False:",
             f"{TARGETS}::test_a_ladder_goes_on_while_there_are_words",
         ),
         (
