@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 
 class DdmpiError(Exception):
@@ -49,6 +49,11 @@ def nearest(word: str, words: list[str]) -> str:
     """The end of a message that proposes the most similar of `words`; empty if none is similar."""
     close = difflib.get_close_matches(word, words, n=1, cutoff=SIMILAR)
     return f"; did you mean {close[0]!r}?" if close else ""
+
+
+def unknown(word: str, words: Collection[str]) -> str:
+    """The end of a message about a word that is none of `words`: the most similar of these, and all that there are."""
+    return f"{nearest(word, list(words))} (there: {', '.join(words) or 'none'})"
 
 
 class NotConvergedError(DdmpiError):

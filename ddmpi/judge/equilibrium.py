@@ -296,10 +296,7 @@ class Forces(NamedTuple):
         n = len(motions)
 
         def rows(x: np.ndarray) -> sparse.csr_matrix:
-            k = x.size // n
-            return sparse.csr_matrix(
-                (x.ravel(), np.tile(motions, k), n * np.arange(k + 1)), (k, nc)
-            )
+            return among_all(x.reshape(-1, n), motions, nc)
 
         none = rows(powers[:0])
         if law.two_sided:  # forces of any sign: a basis of what they do stands for all
@@ -338,6 +335,12 @@ class Forces(NamedTuple):
                 for arrays in zip(none, *contacts, strict=True)
             )
         )
+
+
+def among_all(x: np.ndarray, motions: np.ndarray, nc: int) -> sparse.csr_matrix:
+    """Rows (k, n) on some `motions` (n,) as rows (k, nc) on all."""
+    ends = len(motions) * np.arange(len(x) + 1)
+    return sparse.csr_matrix((x.ravel(), np.tile(motions, len(x)), ends), (len(x), nc))
 
 
 def _corners(x: np.ndarray, kinds: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from mpi4py import MPI
 
 from ddmpi.derive.entries import Entry, joined
 from ddmpi.derive.gradient import gradient
-from ddmpi.errors import InputError, nearest
+from ddmpi.errors import InputError, unknown
 from ddmpi.interface.state import ContactState
 from ddmpi.mesh.build import kind_of_files
 from ddmpi.methods.newton import Newton
@@ -100,7 +100,7 @@ class Answer:
         if key not in entries:
             raise InputError(
                 f"derivative({key!r}): output.derivatives of the scene does not name it"
-                f"{nearest(str(key), list(entries))} (there: {', '.join(entries) or 'none'})"
+                f"{unknown(str(key), entries)}"
             )
         return joined(entries[key], self.derived[key]) if entries[key] else None
 
@@ -133,7 +133,7 @@ class Answer:
         if same not in entries:
             raise InputError(
                 f"error({result!r}): output.errors of the scene does not name it"
-                f"{nearest(same, list(entries))} (there: {', '.join(entries) or 'none'})"
+                f"{unknown(same, entries)}"
             )
         cells = self.solved.errors[same].cells if self.solved else {}
         return Entry(entries[same], cells=cells)
@@ -144,7 +144,7 @@ class Answer:
         if body not in self.bodies:
             raise InputError(
                 f"to_meshio({body!r}): there is no such body on this rank, or no fields"
-                f"{nearest(str(body), list(self.bodies))} (there: {', '.join(self.bodies) or 'none'})"
+                f"{unknown(str(body), self.bodies)}"
             )
         return self.bodies[body].to_meshio()
 
@@ -160,7 +160,7 @@ class Answer:
         if same not in told:
             raise InputError(
                 f"meshes({result!r}): method.target of the scene does not name it"
-                f"{nearest(same, list(told))} (there: {', '.join(told) or 'none'})"
+                f"{unknown(same, told)}"
             )
         return told[same]["meshes"]
 

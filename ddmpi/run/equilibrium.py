@@ -16,7 +16,7 @@ from ddmpi.coupling.joint import Joint
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import across, direction
 from ddmpi.interface.state import ContactState
-from ddmpi.judge.equilibrium import IMBALANCE, Forces, Mechanism, find_mechanism
+from ddmpi.judge.equilibrium import IMBALANCE, Forces, Mechanism, among_all, find_mechanism
 from ddmpi.judge.motions import RESISTED, MotionsOfBody, describe_motions, undetermined
 from ddmpi.system.agreement import agreed, from_first, gathered
 from ddmpi.system.provenance import has_clarabel
@@ -141,8 +141,8 @@ def _undetermined(
         R = np.atleast_2d(np.linalg.qr(resisting, mode="r"))
         friction = np.vstack([slipping @ powers, np.abs(slipping) @ np.abs(powers)])
         of_rank[interface.name] = (
-            _among_all(R, motions, size),
-            _among_all(friction, motions, size),
+            among_all(R, motions, size),
+            among_all(friction, motions, size),
         )
     for interface, (one, other), (_, motions, _) in zip(
         assembly.space.interfaces, sides_moved(assembly), assembly.joint.rigid.blocks, strict=True
@@ -211,10 +211,7 @@ def summed(parts: Parts, size: int) -> sparse.csr_matrix:
     )
 
 
-def _among_all(x: np.ndarray, motions: np.ndarray, size: int) -> sparse.csr_matrix:
-    """Rows (k, n) on some `motions` (n,) as rows (k, size) on all."""
-    ends = len(motions) * np.arange(len(x) + 1)
-    return sparse.csr_matrix((x.ravel(), np.tile(motions, len(x)), ends), (len(x), size))
+
 
 
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:

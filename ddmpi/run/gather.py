@@ -60,7 +60,7 @@ from ddmpi.run.solve import Solution
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock
-from ddmpi.system.doubts import Doubt
+from ddmpi.system.doubts import Doubt, as_doubt
 from ddmpi.system.files import contact_files
 from ddmpi.system.numbers import place_of_largest
 from ddmpi.system.provenance import has_matplotlib, peak_memory, provenance
@@ -174,13 +174,12 @@ class StepLog:
 
     def doubt(self, time: float, warnings: Sequence[str]) -> None:
         """Note the warnings of the answer at the end of a leg; of one kind about one thing, the first."""
-        for warning in warnings:
-            doubt = warning if isinstance(warning, Doubt) else Doubt(warning)
-            self.doubts.setdefault(_key(doubt), doubt.at_time(time))
+        for doubt in map(as_doubt, warnings):
+            self.doubts.setdefault(doubt.key, doubt.at_time(time))
 
     def doubts_beside(self, warnings: Sequence[str]) -> list[str]:
         """The doubts that are not among the `warnings` of the last step, by their kind and what they are about."""
-        known = {_key(warning) for warning in warnings}
+        known = {as_doubt(warning).key for warning in warnings}
         return [doubt for kind, doubt in self.doubts.items() if kind not in known]
 
     def excess(self, since: dict[str, Any], given: float = 0.0) -> float:
@@ -236,14 +235,11 @@ class StepLog:
         ]
         self.run, self.change, self.cycle = state["cycles"]
         found = [Doubt.of_parts(*parts) for parts in state["doubts"]]
-        self.doubts = {_key(doubt): doubt for doubt in found}
+        self.doubts = {doubt.key: doubt for doubt in found}
         self.most = {name: state[name] for name in self.most}
 
 
-def _key(warning: str) -> str:
-    """By which two warnings of load steps are told apart: their kind, and what they are about."""
-    doubt = warning if isinstance(warning, Doubt) else Doubt(warning)
-    return f"{doubt.kind} {' '.join(doubt.of)}"
+
 
 
 @dataclass(frozen=True)

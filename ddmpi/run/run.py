@@ -23,7 +23,7 @@ from ddmpi.errors import (
     NotConvergedError,
     SolverError,
     naming,
-    nearest,
+    unknown,
 )
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.accuracy import (
@@ -365,12 +365,12 @@ def _refuse_points(assembly: Assembly) -> None:
     key = "output.errors" if assembly.scene.output.errors else "method.target"
     with agreed(assembly.world):
         for body in assembly.bodies:
-            points = [*body.mesh.vertices]
+            points = body.mesh.vertices
             for one in wanted:
                 if one.point and one.name == body.spec.name and one.point not in points:
                     raise InputError(
                         f"{key}: body {one.name!r} has no physical point {one.point!r}"
-                        f"{nearest(one.point, points)} (there: {', '.join(points) or 'none'})"
+                        f"{unknown(one.point, points)}"
                     )
 
 

@@ -23,6 +23,7 @@ from ddmpi.judge.equilibrium import Mechanism
 from ddmpi.judge.plausible import doubt_answer
 from ddmpi.methods.newton import Newton
 from ddmpi.results.checkpoint import Checkpoints
+from ddmpi.results.summary import count
 from ddmpi.results.tables import leg_values
 from ddmpi.run.equilibrium import look_for_mechanism, undetermined_motions
 from ddmpi.run.gather import StepLog
@@ -313,16 +314,12 @@ class March:
             self.log.kept.append(
                 (time, now.s, now.alpha, *map(leg_values, solution.states.values()))
             )
-        counts = [
-            sum(getattr(contact, status) for contact in contacts)
-            for status in ("open", "slip", "stick")
-        ]
         log.log(
             logging.DEBUG if self._repeated else logging.INFO,
-            "time %-10.6g %3d iterations; %d open, %d slip, %d stick nodes",
+            "time %-10.6g %3d iterations; %s nodes",
             time,
             len(self.outer.history),
-            *counts,
+            count(contact.resultants for contact in contacts),
         )
         self._leave()
         self._cuts = 0

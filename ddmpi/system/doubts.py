@@ -49,6 +49,11 @@ class Doubt(str):
         return self.of_parts, self.parts
 
     @property
+    def key(self) -> str:
+        """By which two warnings of load steps are told apart: their kind, and what they are about."""
+        return f"{self.kind} {' '.join(self.of)}"
+
+    @property
     def parts(self) -> tuple[str, str, float, int, tuple[str, ...]]:
         """What `of_parts` makes the same one of, as a checkpoint keeps it."""
         return self.worst, self.kind, self.size, self.number, self.of
@@ -67,6 +72,11 @@ class Doubt(str):
         )
 
 
+def as_doubt(warning: str) -> Doubt:
+    """A warning with its kind and what it is about, which its words tell of a plain text."""
+    return warning if isinstance(warning, Doubt) else Doubt(warning)
+
+
 def condensed(warnings: Iterable[str]) -> list[str]:
     """One line for each kind of warning, in the order of their first mention; equal lines count once.
 
@@ -82,8 +92,7 @@ def condensed(warnings: Iterable[str]) -> list[str]:
     The result may be condensed again, with more warnings.
     """
     by_kind = dict[str, Doubt]()
-    for warning in dict.fromkeys(warnings):
-        doubt = warning if isinstance(warning, Doubt) else Doubt(warning)
+    for doubt in map(as_doubt, dict.fromkeys(warnings)):
         known = by_kind.get(doubt.kind)
         by_kind[doubt.kind] = known.with_(doubt) if known else doubt
     return list(by_kind.values())
