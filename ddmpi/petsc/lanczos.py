@@ -7,14 +7,15 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import eigh_tridiagonal
 
+CHANGE, MOST = 1e-2, 30
+"""Relative change of the estimate at which it stops, and most multiplications."""
+
 Product = Callable[[np.ndarray, np.ndarray], None]
 
 
 def estimate_norm(
     mult: Product,
     size: int,
-    change: float = 1e-2,
-    limit: int = 30,
     products: Callable[[np.ndarray, np.ndarray], np.ndarray] = np.matmul,
     steps: int | None = None,
 ) -> float:
@@ -23,8 +24,6 @@ def estimate_norm(
     Parameters
     ----------
     mult : mult(x, y) does y ← H x for (size,) arrays, of which each rank has a part
-    change : relative change of the estimate at which it stops
-    limit : largest number of multiplications
     products : of the rows of a matrix (k, size) with a vector, over all ranks
     steps : length of the vectors of all ranks together
 
@@ -41,7 +40,7 @@ def estimate_norm(
     off: list[float] = []
     y = np.empty(size)
     norm = 0.0
-    for _ in range(min(limit, size if steps is None else steps)):
+    for _ in range(min(MOST, size if steps is None else steps)):
         mult(basis[-1], y)
         if not np.isfinite(length(y)):
             return float("nan")
@@ -53,7 +52,7 @@ def estimate_norm(
         r -= V.T @ products(V, r)
         previous, norm = norm, eigh_tridiagonal(diagonal, off, eigvals_only=True)[-1]
         left = length(r)
-        if abs(norm - previous) <= change * norm or left <= 1e-14 * norm:
+        if abs(norm - previous) <= CHANGE * norm or left <= 1e-14 * norm:
             break
         off.append(float(left))
         basis.append(r / left)
