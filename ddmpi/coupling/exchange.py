@@ -168,6 +168,11 @@ class Exchange:
             contact: (known.get((contact, 0)), known.get((contact, 1))) for contact, *_ in self.ends
         }
 
+    def told(self, mine: Mapping[str, Any]) -> dict[str, Any]:
+        """By contact what its owner tells of it, on the ranks of both bodies; else as `swap_objects`."""
+        known = {(name, side): mine.get(name) for name, *_ in self.ends for side in (0, 1)}
+        return {name: one or other for name, (one, other) in self.swap_objects(known).items()}
+
     def state(self) -> dict[str, int]:
         return dict(self.sent)
 

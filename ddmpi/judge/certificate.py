@@ -121,7 +121,6 @@ def contact_residuals(
     mismatch: np.ndarray,
     u: tuple[np.ndarray, np.ndarray],
     load: float,
-    yielding: float,
     everywhere: Sequence[float],
     former: Sequence[float] = (0.0, 0.0),
 ) -> ContactResiduals:
@@ -129,16 +128,15 @@ def contact_residuals(
 
     Parameters
     ----------
-    state : of its interface
+    state : of its interface. Displacements are compared with its `yielding` (or the overlap, if that is larger) or with
+        the contact displacements, whichever is smaller: a body may move far without strain, or supports may keep it from
+        moving. A body alone, on a rigid partner or itself, may not move at all, and displacements are compared with
+        yielding
     s : (size,) contact forces that obey the bounds (N)
     mismatch : (size,) difference of the forces (N) as the two bodies see them
     u : contact displacements (size,) of both bodies (m)
     load : sum of the absolute nodal loads of the bodies (N), with which contact forces are compared
         where there are none, and where they are below NO_FORCE of it per node
-    yielding : largest contact displacement that the contact forces cause in a body (m). Displacements
-        are compared with this (or the overlap, if that is larger) or with the contact displacements,
-        whichever is smaller: a body may move far without strain, or supports may keep it from moving. A body alone, on
-        a rigid partner or itself, may not move at all, and displacements are compared with yielding
     everywhere : largest displacement of all bodies, and largest yielding (m). Displacements are compared with at least
         RESOLVED times the first, and at least with what half-spaces give way, as where clamps constrain the whole
         contact. A contact with next to no force is compared with the second
@@ -156,7 +154,7 @@ def contact_residuals(
     S = np.abs(s).max(initial=0.0)
     (moved, largest), (moved_before, before) = everywhere, former
     U = max(
-        min(U, max(yielding, overlap)),
+        min(U, max(state.yielding, overlap)),
         RESOLVED * max(moved, moved_before, S / interface.stiffness.max()),
         largest if floor >= S else NO_FORCE * largest,
         (NO_FORCE if S else RELEASED) * before,

@@ -396,16 +396,12 @@ def unbounded(assembly: Assembly, edges: Edges) -> set[str]:
 
 def _by_body(assembly: Assembly, places: Mapping[str, Singular]) -> dict[str, list[Singular]]:
     """By body of this rank what the owners of its contacts have found. Collective."""
-    names = [name for name, *_ in assembly.exchange.ends]
-    told = assembly.exchange.swap_objects(
-        {(name, side): places.get(name) for name in names for side in (0, 1)}
-    )
+    told = assembly.exchange.told(places)
     by_body: dict[str, list[Singular]] = {}
     for body in assembly.bodies:
         known = list[Singular]()
         for met in body.member.interfaces:
-            one, other = told[met.name]
-            found = one or other
+            found = told[met.name]
             for side in met.sides(body.spec.name) if found else ():
                 known.append(_turned_back(found, met, side, body.mesh.points))
         by_body[body.spec.name] = known

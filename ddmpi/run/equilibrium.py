@@ -211,9 +211,6 @@ def summed(parts: Parts, size: int) -> sparse.csr_matrix:
     )
 
 
-
-
-
 def describe_drift(assembly: Assembly, motions: np.ndarray) -> str:
     """How the loose bodies drift, in words; `motions` as `Outer.motions`. Collective."""
     bodies, slices = with_partners(assembly), assembly.joint.slices

@@ -239,9 +239,6 @@ class StepLog:
         self.most = {name: state[name] for name in self.most}
 
 
-
-
-
 @dataclass(frozen=True)
 class Solved:
     """A solved scene on one mesh, as one rank has it; but for `steps`, at the last load step.

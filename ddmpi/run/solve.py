@@ -95,16 +95,17 @@ class Solution:
     outer : the iteration, which can go on
     statuses : of the contact nodes in the last iterations
     given : precision of the solves as -body_ksp_rtol sets it, or zero
-    mechanism : that proves that there is no equilibrium, or None
-    drift : how loose bodies drift, in words
     moved : (size,) relative displacement of the bodies at the interfaces that this rank owns (m)
     prescribed : (size,) the share of rigid partners in it, driven ones as well (m)
-    held : motions that nothing determines
     energy : strain energy of all bodies (J)
     confined : `LoadCase.confined` of all bodies, zero of lean solutions (J)
     sizes : (3,) largest nodal contact force (N), displacement, and displacement by contact forces (m)
     work : (2, cases) of all bodies, as `Member.work`, by history in the order of the scene
+    mechanism : that proves that there is no equilibrium, or None
+    drift : how loose bodies drift, in words
+    held : motions that nothing determines
     time : of the load step, where there are several
+    rounding : by body what double precision makes of its contact displacements, where that may be why there is no answer
     """
 
     stopped: str
@@ -116,15 +117,15 @@ class Solution:
     outer: Outer
     statuses: StatusLog
     given: float
+    moved: np.ndarray
+    prescribed: np.ndarray
+    energy: float
+    confined: float
+    sizes: np.ndarray
+    work: np.ndarray
     mechanism: Mechanism | None = None
     drift: str = ""
-    moved: np.ndarray = field(default_factory=lambda: np.empty(0))
-    prescribed: np.ndarray = field(default_factory=lambda: np.empty(0))
     held: Sequence[HeldMotion] = ()
-    energy: float = 0.0
-    confined: float = 0.0
-    sizes: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    work: np.ndarray = field(default_factory=lambda: np.empty((2, 0)))
     time: float | None = None
     rounding: dict[str, float] = field(default_factory=dict)
 
@@ -499,12 +500,12 @@ class Iteration:
             outer,
             self.statuses,
             self.given,
-            moved=both[0] + both[1] + prescribed,
-            prescribed=prescribed,
-            energy=energy,
-            confined=confined,
-            sizes=np.array([force, *now]),
-            work=work,
+            both[0] + both[1] + prescribed,
+            prescribed,
+            energy,
+            confined,
+            np.array([force, *now]),
+            work,
         )
 
     def _mismatch(self) -> np.ndarray:
@@ -519,14 +520,10 @@ class Iteration:
     def _told(self, judged: Mapping[str, Judged]) -> dict[str, Judged]:
         """What the owner of a contact tells of it to the ranks of both bodies, and to the first rank of all, in the
         order of the scene. Collective."""
-        exchange, scene = self.assembly.exchange, self.assembly.scene
-        names = [name for name, *_ in exchange.ends]
-        told = exchange.swap_objects(
-            {(name, side): judged.get(name) for name in names for side in (0, 1)}
-        )
-        known = {name: one or other for name, (one, other) in told.items()}
-        known |= gathered(self.assembly.world, judged)
-        return {each.name: known[each.name] for each in scene.contact if each.name in known}
+        assembly = self.assembly
+        known = assembly.exchange.told(judged) | gathered(assembly.world, judged)
+        names = [contact.name for contact in assembly.scene.contact]
+        return {name: known[name] for name in names if name in known}
 
     def _contacts(
         self,
@@ -567,9 +564,7 @@ class Iteration:
                 yielding,
                 _slides(interface, near, slid.get(interface.name, 0.0)),
             )
-            residuals = contact_residuals(
-                state, s, mismatch[part], (u1, u2), load, yielding, now, before
-            )
+            residuals = contact_residuals(state, s, mismatch[part], (u1, u2), load, now, before)
             states[interface.name] = state
             judged[interface.name] = state.totals, residuals
         return states, judged
@@ -631,14 +626,12 @@ def lean_steps(assembly: Assembly) -> int:
     # Displacements are asked for at the end of a leg. Slip without friction is not among the unknowns and counts from
     # the step before, which needs them as well; derivatives may need them at every step. By multigrid a product with C
     # would cost as much.
-    slides, rubs = (
-        any(
-            contact.kind != "bonded" and (contact.friction == NoFriction()) == free
-            for contact in scene.contact
-        )
-        for free in (True, False)
+    rubs = [
+        contact.friction != NoFriction() for contact in scene.contact if contact.kind != "bonded"
+    ]
+    several = time is not None and (
+        bool(time.cycle) or (time.steps > 1 if time.steps else any(rubs))
     )
-    several = time is not None and (bool(time.cycle) or (time.steps > 1 if time.steps else rubs))
     if (
         not several
         or scene.far
@@ -650,10 +643,10 @@ def lean_steps(assembly: Assembly) -> int:
     with assembly.exchange.deferred():
         for body in assembly.bodies:
             body.member.prepare_energies()
-    return 1 + slides
+    return 1 + (not all(rubs))
 
 
-def choose_outer(assembly: Assembly, method: SettledMethod, report: Report = no_report) -> Outer:
+def choose_outer(assembly: Assembly, method: SettledMethod, report: Report) -> Outer:
     """The outer method that was asked for. Collective."""
     if assembly.outer is not None:
         outer = assembly.outer(assembly, method, report)

@@ -85,9 +85,10 @@ def judged(
     parts: dict[str, np.ndarray], law: Law | None = None, **numbers: float
 ) -> ContactResiduals:
     numbers = {"load": LOAD, "yielding": 1.0, "moved": 1e-3} | numbers
-    numbers["everywhere"] = numbers.pop("moved"), numbers["yielding"]  # there is no other contact
+    yielding = numbers.pop("yielding")
+    numbers["everywhere"] = numbers.pop("moved"), yielding  # there is no other contact
     return contact_residuals(
-        state_of(parts, law),
+        replace(state_of(parts, law), yielding=yielding),
         parts["s"],
         parts["mismatch"],
         (parts["first"], parts["second"]),

@@ -196,7 +196,7 @@ MUTANTS = [
         (
             "norm of an operator stops early",
             "petsc/lanczos",
-            "abs(norm - previous) <= change * norm",
+            "abs(norm - previous) <= CHANGE * norm",
             "norm > 0.0",
             "published/test_mprgp.py::test_estimate_norm_is_a_little_too_small",
         ),
@@ -3454,7 +3454,7 @@ MUTANTS = [
         (
             "certificates flattered by a rigid motion",
             "judge/certificate",
-            "U = max(min(U, max(yielding, overlap)), RESOLVED",
+            "U = max(min(U, max(state.yielding, overlap)), RESOLVED",
             "U = max(U, RESOLVED",
             f"{CERTIFICATE}::test_displacements_are_compared_with_what_the_forces_cause",
         ),
