@@ -156,7 +156,7 @@ class Plan(Sheet):
 def seen_from(results: Results, behind: bool, **output: Any) -> Results:
     """Results that are drawn as their scene asks for, with other entries of its `output`, or from the opposite side
     `behind`."""
-    scene = results.summary["scene"]
+    scene = results.scene
     asked = scene["output"] | output
     if behind:
         x, y, z = -View(results.points, asked).axes[2]
@@ -259,7 +259,7 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
     looked = list(bodies.values())
     plan.show_groups(bodies, NAMED)
     inside = middles(results)
-    words = _point_loads(plan, looked, results.summary["units"]["stress"])
+    words = _point_loads(plan, looked, results.units["stress"])
     words |= _point_weights(plan, looked, inside)
     ways = _mark_supports(plan, looked)
     _explain(plan, words, ways)
@@ -350,7 +350,7 @@ def draw_contacts(
     gaps = np.concatenate(
         [np.zeros(int(not interfaces)), *(interface.gap for interface in interfaces)]
     )
-    factor, unit_of = scaled_unit(np.abs(gaps).max(), results.summary["units"]["length"])
+    factor, unit_of = scaled_unit(np.abs(gaps).max(), results.units["length"])
     image = colours_of(
         gaps.min() / factor,
         gaps.max() / factor if gaps.any() else 1.0,

@@ -59,7 +59,7 @@ def write_check(
     arrays = Arrays()
     scenery = _Scenery(shown, bodies, pieces)
     scenery.put(arrays)
-    told = _Told(scene, results.summary["scene"], bodies, interfaces, missing)
+    told = _Told(scene, results.scene, bodies, interfaces, missing)
     roles = np.array([0, *(told.role(piece) for piece in pieces)])
     colour = np.arange(len(pieces)) % len(GROUPS) + 1.0
     arrays.put("group0", np.append(0.0, colour)[scenery.face])
@@ -125,7 +125,7 @@ def _put_gaps(
 ) -> Iterator[dict[str, Any]]:
     """The field of gaps, if there are contacts; their surfaces are put into the arrays in any case."""
     painted = painted_on(
-        results, in_space(results.points), owners(results), results.summary["scene"]["contact"]
+        results, in_space(results.points), owners(results), results.scene["contact"]
     )
     for name in "surface", "above", "painted", "bearer", *["rims"] * results.axisymmetric:
         arrays.put(name, painted[name])
@@ -136,7 +136,7 @@ def _put_gaps(
     if not gap.any():  # all that meets touches
         return
     arrays.put("gap0", gap)
-    factor, unit_of = scaled_unit(np.abs(gap).max(), results.summary["units"]["length"])
+    factor, unit_of = scaled_unit(np.abs(gap).max(), results.units["length"])
     arrays.places["gap0"]["high"] /= factor
     arrays.places["gap0"]["low"] /= factor
     low = gap.min() / factor
@@ -256,7 +256,7 @@ class _Scenery:
 
 def _asked(results: Results) -> dict[str, Any]:
     """The part of the scene's table `output` that a page heeds."""
-    view = results.summary["scene"]["output"].get("view")
+    view = results.output.get("view")
     return {"view": view} if View(results.points).solid and view else {}
 
 

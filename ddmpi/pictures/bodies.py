@@ -65,7 +65,7 @@ COMPONENTS = (
 
 def skin_of(results: Results) -> Skin:
     """The visible surfaces of the bodies. Raises InputError for a cut that meets none."""
-    view = View(results.points, results.summary["scene"]["output"])
+    view = View(results.points, results.output)
     return Skin(view, results.points, results.fields["cells"])
 
 
@@ -78,16 +78,15 @@ def draw_bodies(results: Results, folder: Path | None = None) -> Any:
     facets, at = skin.facets, still + skin.extended(results.displacement(scale))
     seen = values[np.unique(facets)]
     moved = float(np.linalg.norm(results.displacement(), axis=1).max())
-    cut = View(results.points, results.summary["scene"]["output"]).cut
-    whole = skin if cut is None else None
+    whole = None if results.output.get("cut") else skin
     top = stress_end(results, folder, whole) if quantity != "displacement" else values.max()
     beyond, rigid = skin.beyond, rigid_parts(results, scale)
-    if results.summary["scene"]["output"].get("mirrored"):
+    if results.output.get("mirrored"):
         facets, at, still, values, beyond = _both_halves(facets, at, still, values, beyond)
         rigid += [replace(surface, at=surface.at[::-1] * (-1.0, 1.0)) for surface in rigid]
-    if results.summary["scene"]["output"].get("sectors"):
+    if results.output.get("sectors"):
         facets, at, still, values, beyond = _all_sectors(
-            results.summary["scene"], facets, at, still, values, beyond
+            results.scene, facets, at, still, values, beyond
         )
     factor, unit = scaled_unit(seen.max(), unit)
     image = colours_of(0.0, top / factor or 1.0, "viridis")
@@ -111,7 +110,7 @@ def draw_bodies(results: Results, folder: Path | None = None) -> Any:
         if quantity != "displacement"
         else ""
     )
-    factor, unit = scaled_unit(moved, results.summary["units"]["length"])
+    factor, unit = scaled_unit(moved, results.units["length"])
     words += f"displacement × {scale:g}, largest {rounded(moved / factor)} {unit}"
     sheet.title(results.heading(True) + words, "; ")
     return sheet.figure
@@ -122,17 +121,14 @@ def coloured(
 ) -> tuple[np.ndarray, str, str]:
     """The values (nv,) for the colours of bodies, with name and unit: `what` is asked for by output.animation, by
     default von Mises stress, else displacement."""
-    output = results.summary["scene"]["output"]
+    length, stress = results.units["length"], results.units["stress"]
     if what in COMPONENTS:
         field, column = COMPONENTS[str(what)]
-        return (
-            fields[field][:, column],
-            str(what).replace("_", " "),
-            output["length_unit" if field == "displacement" else "stress_unit"],
-        )
+        unit = length if field == "displacement" else stress
+        return fields[field][:, column], str(what).replace("_", " "), unit
     if "nodal_von_mises" in fields and what != "displacement":
-        return fields["nodal_von_mises"], "von Mises stress", output["stress_unit"]
-    return np.linalg.norm(fields["displacement"], axis=1), "displacement", output["length_unit"]
+        return fields["nodal_von_mises"], "von Mises stress", stress
+    return np.linalg.norm(fields["displacement"], axis=1), "displacement", length
 
 
 def largest_of(fields: dict[str, np.ndarray]) -> tuple[float, int]:
@@ -305,7 +301,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     import matplotlib.pyplot as plt
     from PIL import Image
 
-    skin, output = skin_of(results), results.summary["scene"]["output"]
+    skin, output = skin_of(results), results.output
     what = output.get("animation") or True
     pressing = [contact["name"] for contact in pressed(results) if what == "pressure"]
     shown = [COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
@@ -366,8 +362,7 @@ def _whole_ends(
 ) -> tuple[float, float, str, str]:
     """The ends of an animation's colours, with words and unit: of stresses and pressures those of all pictures."""
     if pressing:
-        stress_unit = results.summary["scene"]["output"]["stress_unit"]
-        return 0.0, pressure_ends(results)[1], "pressure", stress_unit
+        return 0.0, pressure_ends(results)[1], "pressure", results.units["stress"]
     if quantity == "von Mises stress":
         return 0.0, stress_end(results, folder), quantity, unit
     return least, top, quantity, unit

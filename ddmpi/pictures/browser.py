@@ -133,10 +133,10 @@ class Scenery:
     """
 
     def __init__(self, results: Results) -> None:
-        d, output = results.dimension, results.summary["scene"]["output"]
+        d, output = results.dimension, results.output
         asked = {"view": output["view"]} if d > 2 and output.get("view") else {}
         self._scale, shift = magnify(results)
-        self._sectors = sectors_of(results.summary["scene"], d) if output.get("sectors") else []
+        self._sectors = sectors_of(results.scene, d) if output.get("sectors") else []
         if self._sectors:
             shift = np.vstack([shift @ frame.turned.T for frame in self._sectors])
             results = replace(
@@ -221,12 +221,11 @@ class Scenery:
     def _fields(self) -> list[dict[str, Any]]:
         """What colours can stand for; their arrays change to the units that are shown."""
         shown = []
-        output = self._results.summary["scene"]["output"]
         for name, (title, quantity) in TITLES.items():
             if not self.marks[name]:
                 continue
             largest = max(most for most, _ in self.marks[name])
-            factor, words = scaled_unit(largest, output[f"{quantity}_unit"])
+            factor, words = scaled_unit(largest, self._results.units[quantity])
             for k in range(len(self.times)):
                 self.arrays.places[f"{name}{k}"]["high"] /= factor
             pressure = name == "pressure"
@@ -252,7 +251,7 @@ class Scenery:
         if turned:  # all around; seen into the quarter that is left out
             low[[0, 2]], high[[0, 2]] = -high[0], high[0]
             eye = np.array([0.43, -0.75, 0.5])
-        cuts = (results.summary["scene"]["output"].get("cut") or {}).items()
+        cuts = (results.output.get("cut") or {}).items()
         shifts = apart(results, self._view) if self._view.solid else {}
         return {
             "fields": self._fields(),

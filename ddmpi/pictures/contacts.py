@@ -70,7 +70,7 @@ def draw_contacts(results: Results) -> Any:
     measure = np.bincount(results.fields["body"][cell], sizes)
     size = WIDEST[d] * float(np.median(measure ** (1.0 / d)))
     forces, largest = _resultants(results, size)
-    factor, unit_of = scaled_unit(largest, results.summary["units"]["force"])
+    factor, unit_of = scaled_unit(largest, results.units["force"])
     counted, legend = "", list[Any]()
     if forces:
         words = f"resultants on the first body, largest {rounded(largest / factor)} {unit_of}"
@@ -110,7 +110,7 @@ def _stresses(
     stresses = np.nan_to_num(np.concatenate([table["normal_stress"] for table in tables.values()]))
     kind = "pressure" if stresses.min(initial=0.0) >= 0.0 else "normal stress"
     top = np.abs(stresses).max(initial=0.0)
-    return stresses, kind, *scaled_unit(top, results.summary["units"]["stress"])
+    return stresses, kind, *scaled_unit(top, results.units["stress"])
 
 
 def _draw_profiles(
@@ -141,11 +141,11 @@ def _draw_painted(
 ) -> tuple[Sheet, dict[str, np.ndarray], str]:
     """Solids apart, with the pressures painted on both sides of contacts. The sheet, the ends (2, 3) of `forces` on it,
     and what the title says of the largest pressure."""
-    scene, skin = results.summary["scene"], skin_of(results)
+    skin = skin_of(results)
     shown = {contact["name"]: results.contacts[contact["name"]] for contact in pressed(results)}
     stresses, kind, factor, unit_of = _stresses(results, shown)
     top = np.abs(stresses).max(initial=0.0)
-    shifts = apart(results, View(results.points, scene["output"]))
+    shifts = apart(results, View(results.points, results.output))
     off = np.array([shifts[name] for name in results.summary["bodies"]])
     at = skin.extended(results.points + off[owners(results)])
     least, most = pressure_ends(results)
@@ -156,7 +156,7 @@ def _draw_painted(
     sheet.show([Surface(at, skin.facets, filled("still"), skin.beyond), *surfaces])
     ends = "both" if least < 0.0 else "max"
     sheet.colours(image, f"{kind} ({unit_of})", ends if most < top else "neither")
-    first = {contact["name"]: contact["bodies"][0] for contact in scene["contact"]}
+    first = {contact["name"]: contact["bodies"][0] for contact in results.scene["contact"]}
     # the first body is pushed by an arrow that ends at the contact
     on_first = {
         name: np.stack([ends[0], ends.mean(axis=0)]) + shifts[first[name]]
@@ -250,7 +250,7 @@ def _profiles(
 def draw_maps(results: Results, name: str) -> Any:
     """Pressure, zones, friction with arrows of slip and over its bound, and gap, if there is any, on a contact; a
     figure."""
-    surface, cells, units = results.surfaces[name], results.cells(name), results.summary["units"]
+    surface, cells, units = results.surfaces[name], results.cells(name), results.units
     table, visible = results.contacts[name], RESOLVED * results.summary["displacement_max"]
     lie = directions(vectors(table, "n"), table["area"])
     at, labels, along = flatten(surface["points"], cells, *lie)

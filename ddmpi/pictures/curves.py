@@ -34,7 +34,7 @@ def draw_contact(results: Results, name: str) -> Any:
     """
     nodes, facets = drawn_rows(results.contacts[name], results.facets[name])
     breaks = np.array([chain[0] for chain in chains(facets)[1:]], int)
-    scene = results.summary["scene"]
+    scene = results.scene
     contact = next(contact for contact in scene["contact"] if contact["name"] == name)
     frictional = contact["friction"]["law"] != "none"
     position, along = _position(nodes)
@@ -46,7 +46,7 @@ def draw_contact(results: Results, name: str) -> Any:
     of_one = f" of {name}" if len(results.contacts) > 1 else ""
     stresses.set_title(f"{results.heading(True)}contact stresses{of_one}")
 
-    length = results.summary["units"]["length"]
+    length = results.units["length"]
     shown = ["gap", "slip"] if frictional else ["gap"]
     largest = max(np.abs(nodes["gap"]).max(), np.abs(nodes["slip"]).max())
     visible = RESOLVED * results.summary["displacement_max"]
@@ -79,9 +79,7 @@ def _draw_along(
         piece = np.searchsorted(breaks, rows, "right")
         apart = 1 + np.flatnonzero((np.diff(rows) != 2) | np.diff(piece).astype(bool))
         shown, place, extent = sides, position[rows], ",\nmean over sides"
-    factor, unit = scaled_unit(
-        np.abs(nodes["normal_stress"]).max(), results.summary["units"]["stress"]
-    )
+    factor, unit = scaled_unit(np.abs(nodes["normal_stress"]).max(), results.units["stress"])
     labels = {"normal": "normal (pressure)"}
     if contact["friction"]["law"] != "none" or contact.get("kind") == "bonded":
         labels["tangential"] = "tangential"
@@ -126,7 +124,7 @@ def draw_convergence(results: Results) -> Any:
             markersize=3,
             label=label,
         )
-    tolerance = summary["scene"]["method"]["tolerance"]
+    tolerance = results.scene["method"]["tolerance"]
     axes.axhline(
         tolerance,
         color=COLOURS["bound"],
@@ -209,7 +207,7 @@ def draw_steps(results: Results) -> Any:
     Energies count from time 0. Friction dissipates one part of the interface work; interference, closing gaps and time
     stepping take the other. Not collective.
     """
-    summary, of = results.summary, results.steps["contact"]
+    of = results.steps["contact"]
     steps = {
         name: {column: values[of == name] for column, values in results.steps.items()}
         for name in results.contacts
@@ -219,7 +217,7 @@ def draw_steps(results: Results) -> Any:
     }
     tied = {
         contact["name"]
-        for contact in summary["scene"]["contact"]
+        for contact in results.scene["contact"]
         if contact.get("kind") in ("bonded", "guided")
     }
     loops = [name for name in largest if name not in tied] or largest
@@ -232,7 +230,7 @@ def draw_steps(results: Results) -> Any:
     figure, grid = plt.subplots(rows, 2, figsize=(9.6, 2.9 * rows), squeeze=False)
     loop, energies = grid[0]
     words: dict[str, None] = {}
-    label, driver = _driver(summary, results.energy["time"])
+    label, driver = _driver(results)
     for name in shown:
         what, column, of_one = _resultant(steps[name]), "tangential_force", names[name]
         if what == "moment":
@@ -242,9 +240,9 @@ def draw_steps(results: Results) -> Any:
             )
             of_one = f"{names[name]}, {column.replace('_', ' ')}"
         loop.plot(driver, np.append(0.0, steps[name][column]), marker=".", label=of_one)
-        words[f"{'tangential ' * (what == 'force')}{what} ({summary['units'][what]})"] = None
+        words[f"{'tangential ' * (what == 'force')}{what} ({results.units[what]})"] = None
     loop.set(xlabel=label, ylabel=", ".join(words))
-    _draw_energies(energies, results.energy, summary["units"]["energy"])
+    _draw_energies(energies, results.energy, results.units["energy"])
     for axes, (name, draw) in zip(grid[1:], beside.items(), strict=True):
         draw(axes)
         if names[name] != name:  # several, longer than an axis is high
@@ -261,15 +259,15 @@ def _drawn_beside(
 ) -> dict[str, Callable[[Any], None]]:
     """What draws the courses of contacts, in the plane the stresses: at the ends of legs, of which there is none where
     the first one fails."""
-    units = results.summary["units"]
     if results.dimension == 2:
         return {
-            name: partial(_draw_stresses, name=name, results=results, units=units)
+            name: partial(_draw_stresses, name=name, results=results)
             for name in contacts
             if len(results.legs[name]["time"])
         }
     return {
-        name: partial(_draw_course, name=name, steps=steps[name], units=units) for name in contacts
+        name: partial(_draw_course, name=name, steps=steps[name], units=results.units)
+        for name in contacts
     }
 
 
@@ -292,13 +290,15 @@ def _without_doubles(steps: Mapping[str, Columns]) -> dict[str, str]:
     return {name: ", ".join(alike) for name, alike in words.items()}
 
 
-def _driver(summary: dict, times: np.ndarray) -> tuple[str, np.ndarray]:
-    """The factor, at time 0 and at all `times`, of the history that varies most after it first rests or turns, or of
+def _driver(results: Results) -> tuple[str, np.ndarray]:
+    """The factor, at time 0 and at all load steps, of the history that varies most after it first rests or turns, or of
     the only history; else time itself."""
     best: tuple[float, str, np.ndarray] | None = None
-    points = np.concatenate([[0.0], times])
-    for name, history in summary["scene"]["history"].items():
-        factors = np.interp(drawn_times(summary, points), history["times"], history["factors"])
+    points = np.append(0.0, results.energy["time"])
+    for name, history in results.scene["history"].items():
+        factors = np.interp(
+            drawn_times(results.summary, points), history["times"], history["factors"]
+        )
         turns = float(np.abs(np.diff(factors)).sum() - abs(factors[-1] - factors[0]))
         if best is None or turns > best[0]:
             best = turns, f"factor of history {name}", factors
@@ -318,9 +318,9 @@ def _draw_energies(axes: Any, energy: Columns, unit: str) -> None:
     axes.set(xlabel="time", ylabel=f"energy ({unit})")
 
 
-def _draw_stresses(axes: Any, name: str, results: Results, units: dict) -> None:
+def _draw_stresses(axes: Any, name: str, results: Results) -> None:
     """Normal and tangential stress along a contact at the ends of legs."""
-    legs = results.legs[name]
+    legs, units = results.legs[name], results.units
     times = np.unique(legs["time"])
     chosen = times[evenly(len(times), CURVES)]
     colours = plt.get_cmap("viridis")(np.linspace(0.0, 0.9, len(chosen)))

@@ -65,11 +65,7 @@ def draw_all(
                         save(figure, drawn[-1], identity(results.summary))
                 finally:
                     plt.close(figure)
-            animated = (
-                not into
-                and number == drawers - 1
-                and results.summary["scene"]["output"].get("animation")
-            )
+            animated = not into and number == drawers - 1 and results.output.get("animation")
             if animated and len(results.energy.get("time", ())):
                 drawn.append(animate(results, folder, results.heading()))
         return drawn
@@ -82,7 +78,7 @@ def _ask(results: Results, asked: dict[str, Any]) -> None:
         msgspec.convert(new, Output)
     except msgspec.ValidationError as error:
         raise InputError(f"--{explain(str(error), new, Output)}") from None
-    results.summary["scene"]["output"] |= new
+    results.output.update(new)
 
 
 def pictures_of(

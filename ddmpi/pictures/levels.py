@@ -26,7 +26,7 @@ def draw_levels(results: Results) -> Any:
     summary = results.summary
     levels, errors = summary["discretization_error"]["levels"], summary["errors"]
     told = {name: entry for name, entry in errors.items() if entry["bar"] and entry["value"]}
-    asked = {with_letters(result) for result in summary["scene"]["method"].get("target", {})}
+    asked = {with_letters(result) for result in results.scene["method"].get("target", {})}
     sizes = {name: entry["bar"] / abs(entry["value"]) for name, entry in told.items()}
     names = sorted(told, key=lambda name: (name not in asked, -sizes[name]))[:MOST]
     seconds = np.cumsum([level["seconds"] for level in levels])

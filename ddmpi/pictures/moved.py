@@ -47,7 +47,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
     owner = owners(results)
     names = list(results.summary["bodies"])
-    contacts = results.summary["scene"]["contact"]
+    contacts = results.scene["contact"]
     tables = [results.contacts[contact["name"]] for contact in contacts]
     follows = [
         contact["gap"].get("history") if isinstance(contact.get("gap"), dict) else None
@@ -81,7 +81,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     ]
     chosen = round_down(min([DRAWN * extent / size, *limits])) if size else 1.0
     chosen = _unfolded(results, chosen)
-    asked = results.summary["scene"]["output"].get("magnification")
+    asked = results.output.get("magnification")
     factor = min(asked, FARTHEST * extent / size if size else asked) if asked else max(chosen, 1.0)
     return factor, (factor - 1.0) * shifts[owner]
 
@@ -130,7 +130,7 @@ def rigid_parts(
     velocities `going` of a mechanism.
     """
     points, names, owner = results.points, list(results.summary["bodies"]), owners(results)
-    scene, surfaces, where = results.summary["scene"], list[Surface](), frames_at(results, time)
+    scene, surfaces, where = results.scene, list[Surface](), frames_at(results, time)
     for rigid in _surfaces(scene):
         contacts = [contact for contact in scene["contact"] if contact["bodies"][1] == rigid.name]
         now = results.time if time is None else time
@@ -194,7 +194,7 @@ def apart(results: Results, view: View) -> dict[str, np.ndarray]:
     Two that face each other move apart along the mean normal, by OPENED times the root of the area, holes filled; one
     that is around the other is drawn off along the axis, towards the eye, unless others part them.
     """
-    scene, names = results.summary["scene"], results.parts
+    scene, names = results.scene, results.parts
     rows, aims = np.zeros((len(scene["contact"]), len(names))), np.zeros((len(scene["contact"]), 3))
     for row, aim, contact in zip(rows, aims, scene["contact"], strict=True):
         table = results.contacts[contact["name"]]
@@ -234,9 +234,9 @@ def painted_by(
     factor: float,
 ) -> Iterator[tuple[Surface, np.ndarray]]:
     """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
-    view = View(results.points, results.summary["scene"]["output"])
+    view = View(results.points, results.output)
     off = ABOVE * np.ptp(results.points, axis=0).max()
-    for contact in (each for each in results.summary["scene"]["contact"] if each["name"] in names):
+    for contact in (each for each in results.scene["contact"] if each["name"] in names):
         points, _, outward, faces = covered(results, contact)
         pressure = np.nan_to_num(results.surfaces[contact["name"]]["pressure"]) / factor
         for body, sign, facets in faces:
@@ -255,7 +255,7 @@ def painted_by(
 
 def pressed(results: Results) -> list[dict]:
     """The contacts of the scene whose pressures are drawn: those that are not bonded, or all if all are."""
-    contacts = results.summary["scene"]["contact"]
+    contacts = results.scene["contact"]
     return [contact for contact in contacts if contact.get("kind") != "bonded"] or contacts
 
 

@@ -145,7 +145,7 @@ class Sheet:
     ) -> None:
         """For places (k, d) and the surfaces of `rigid_parts`; with `pixels` along the longer side of surfaces. Raises
         InputError where a cut meets no body."""
-        self.view = View(results.points, results.summary["scene"]["output"])
+        self.view = View(results.points, results.output)
         self.place = self.view.place
         self.size = float(np.ptp(results.points, axis=0).max())
         self._pixels = pixels
@@ -164,7 +164,7 @@ class Sheet:
             at = np.vstack([at, at * (0.0, 1.0)])
         margin = MARGIN * np.ptp(at, axis=0).max()
         figure, axes = _figure(at.min(axis=0) - margin, at.max(axis=0) + margin)
-        unit_of = results.summary["scene"]["output"]["length_unit"]
+        unit_of = results.units["length"]
         axes.set(xlabel=f"{'radius ' * results.axisymmetric}x ({unit_of})", ylabel=f"y ({unit_of})")
         if near:
             axes.axvline(0.0, color=COLOURS["rigid"], linewidth=0.8, linestyle="-.", zorder=1)
@@ -203,7 +203,7 @@ class Sheet:
                 axes.annotate(
                     name, end + text * unit(end - origin), ha="center", va="center", fontsize=9
                 )
-        factor, unit_of = scaled_unit(arm, results.summary["units"]["length"])
+        factor, unit_of = scaled_unit(arm, results.units["length"])
         axes.annotate(
             f"arrows x, y, z: {arm / factor:g} {unit_of} long",
             (origin[0], below[1]),

@@ -181,7 +181,7 @@ def _number_of(asked: float, times: np.ndarray, folder: Path) -> int:
 def _most_loaded(results: Results, times: np.ndarray) -> float:
     """The last of the times at which the sum of the factors of all histories, Σ |factor| / max |factor|, is largest."""
     drawn, loads = drawn_times(results.summary, times), np.zeros(len(times))
-    for history in results.summary["scene"].get("history", {}).values():
+    for history in results.scene.get("history", {}).values():
         largest = np.abs(history["factors"]).max() or 1.0
         loads += np.abs(np.interp(drawn, history["times"], history["factors"])) / largest
     return float(times[loads >= loads.max() - 1e-9][-1])

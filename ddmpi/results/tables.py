@@ -357,6 +357,21 @@ class Results:
     frames: Columns = field(default_factory=dict)
 
     @property
+    def scene(self) -> dict[str, Any]:
+        """The scene with all defaults."""
+        return self.summary["scene"]
+
+    @property
+    def output(self) -> dict[str, Any]:
+        """The scene's table `output`, with what is asked of pictures."""
+        return self.scene["output"]
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Labels of quantities."""
+        return self.summary["units"]
+
+    @property
     def dimension(self) -> int:
         """That of the points, whose z is zero in the plane."""
         return 2 + int(self.fields["points"][:, 2:].any())
@@ -364,14 +379,14 @@ class Results:
     @property
     def axisymmetric(self) -> bool:
         """Whether the bodies turn around the axis x = 0."""
-        return bool(self.summary["scene"].get("axisymmetric"))
+        return bool(self.scene.get("axisymmetric"))
 
     @property
     def parts(self) -> list[str]:
         """Names of the bodies, then of the rigid partners."""
         return [
             *self.summary["bodies"],
-            *(rigid["name"] for rigid in self.summary["scene"].get("rigid", ())),
+            *(rigid["name"] for rigid in self.scene.get("rigid", ())),
         ]
 
     @property
