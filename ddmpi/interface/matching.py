@@ -55,6 +55,7 @@ def pairs(
         for one, numbers in zip(sides, (nodes, partners), strict=True)
     ]
     place[nodes], nodes = row, nodes[kept]
+    used = np.flatnonzero(place >= 0)
     lines = Lines(place, side.xy, lengths, side.pieces(seen)).only(place >= 0)
     return Rows(
         sides,
@@ -67,12 +68,8 @@ def pairs(
         total,
         gap[kept],
         side.arc[nodes],
-        np.zeros(len(place), bool),
         seen,
-        sparse.csr_matrix(
-            (np.ones((place >= 0).sum()), (np.flatnonzero(place >= 0), place[place >= 0])),
-            (len(place), len(kept)),
-        ),
+        sparse.csr_matrix((np.ones(len(used)), (used, place[used])), (len(place), len(kept))),
         lines,
     )
 
@@ -105,7 +102,7 @@ def by_coefficients(rows: Rows) -> Rows:
     2 ξ (1 − ξ)(1 − η) of the first middle, with a sixth. So forces are pressures times areas, unlike those of nodes,
     which are zero or negative at corners.
     """
-    side, size = rows.sides[rows.slave], len(rows.nodes)
+    side, size = rows.side, len(rows.nodes)
     edges = side.facets[rows.seen][:, side.cell.edges].reshape(-1, 3)
     ends, middles = rows.place[edges[:, :2]], rows.place[edges[:, 2]]
     first = np.unique(middles, return_index=True)[1]

@@ -296,7 +296,7 @@ def _rows(
 def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
     """The `root` of all nodes of the slave (k,), with rows merged into a neighbour's where clamps nearly fix the normal
     motion (BARELY) or, if the contact is `tangential`, a direction that is oblique to the contact."""
-    side = rows.sides[rows.slave]
+    side = rows.side
     clamped, most = rows.clamped(rows.normal)
     facets, roots = rows.place[side.facets[rows.seen]], root.copy()
     # Rows that both sides clamp carry no unknown: `build` drops them, and no other row may join them.
@@ -323,7 +323,7 @@ def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
 
 def _tied_ends(rows: Rows) -> np.ndarray:
     """The last rows at those ends of the slave's covered part where it and the nearest node of the other are `tied`."""
-    side, other = rows.sides[rows.slave], rows.sides[1 - rows.slave]
+    side, other = rows.side, rows.other
     facets = side.facets[rows.seen]
     ends = np.flatnonzero(
         np.bincount(side.corners[rows.seen].ravel(), minlength=len(side.nodes)) == 1
@@ -363,7 +363,7 @@ def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
     """The nodes that carry the forces of the rows. A node has the length of its function, and its force acts at the
     function's centre, so that forces have the rows' resultant and moment. Nodes that face nothing are left out.
     """
-    side, nodes, place = rows.sides[rows.slave], rows.nodes, rows.place
+    side, nodes, place = rows.side, rows.nodes, rows.place
     length = np.where(place >= 0, np.asarray(psi.sum(axis=0)).ravel(), 0.0)
     points = np.einsum("qc,qcd->qd", side.cell.shapes(over.at), side.xy[side.facets[over.facet]])
     faces = (length > UNSEEN * side.lengths_over(rows.seen)) | (side.bare & (place >= 0))

@@ -52,10 +52,10 @@ class Rows:
     area : (r,) nodal lengths over the common part of both sides (m)
     gap : (r,) along the normals, between the arcs over the chords (m)
     arc : (r,) arc lengths along the first body's boundary (m)
-    bound : (k,) bool, nodes that share a neighbour's row because clamps or other contacts constrain them
     whole : (f,) bool, facets that wholly face the other side and whose nodes, but for `bare` ones, do not share rows
     interpolation : (k, r) sparse, values at all nodes of the slave from those of the rows
     lines : the nodes of the rows
+    bound : (k,) bool, nodes that share a neighbour's row because clamps or other contacts constrain them
     covered : the part that faces the other side, up to its outline; None for all facets that are `seen`
     points : places between the nodes, with their gaps, or None
     bernstein : whether rows are those of `matching.by_coefficients`
@@ -72,10 +72,10 @@ class Rows:
     area: np.ndarray
     gap: np.ndarray
     arc: np.ndarray
-    bound: np.ndarray
     whole: np.ndarray
     interpolation: sparse.csr_matrix
     lines: Lines = Drawing.lines
+    bound: np.ndarray | bool = False
     covered: Outlined | None = None
     points: Places | None = None
     bernstein: bool = False
@@ -83,10 +83,19 @@ class Rows:
     waves: bool = False
 
     @property
+    def side(self) -> Side:
+        """The slave."""
+        return self.sides[self.slave]
+
+    @property
+    def other(self) -> Side:
+        """The side that the slave faces."""
+        return self.sides[1 - self.slave]
+
+    @property
     def hats(self) -> np.ndarray:
         """Facets, as `laplacian` takes them."""
-        side = self.sides[self.slave]
-        return side.facets[self.seen] if self.bernstein else side.pieces(self.seen)
+        return self.side.facets[self.seen] if self.bernstein else self.side.pieces(self.seen)
 
     def clamped(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether clamps constrain all nodes of a row on each side (2, r) in its direction (r, d); and how far (r,) the
@@ -164,7 +173,6 @@ def rows_of(
         area,
         without_rounding(gap, side.spacing[nodes]),
         np.zeros(len(nodes)),
-        np.zeros(len(place), bool),
         seen & (share >= (1.0 - LACKING) * side.areas),
         measure[:, : len(place)].T.tocsr(),
         points=points,
@@ -188,7 +196,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
     `moved` (m) is how far bodies have moved along normals at most before. Rows with gaps far larger than that, and than
     overlaps now, become probes, without forces unless one of them closes.
     """
-    sides, side = rows.sides, rows.sides[rows.slave]
+    sides, side = rows.sides, rows.side
     (frame, across), xy = _along_clamps(rows, frames(rows.normal)), side.xy[rows.nodes]
     start = initial_gap(contact, rows.gap, xy, rows.arc)
     clamped, live = _live(rows, contact, frame, across)
@@ -270,7 +278,7 @@ def _far(contact: SettledContact, start: np.ndarray, some: np.ndarray, moved: fl
 def _numbered(rows: Rows, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, Lines]:
     """The rows of the slave's nodes (k,), those of facets (f, l) and the lines, by new numbers that leave out the rows
     `left` (r,); −1 for none."""
-    side = rows.sides[rows.slave]
+    side = rows.side
     number = np.append(np.where(left, -1, np.cumsum(~left) - 1), -1)  # −1 stays −1
     nodes = (side.facets if side.cell.bears else side.corners)[rows.whole]
     nodes = nodes if side.cell.simplex else side.cell.straight.split(nodes)
@@ -308,7 +316,7 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
     constrain the curvature of the other side, of which only the nodes beside the plane move. A node that is clamped
     along the normal too has a row only for the nodes that share it, and these slide.
     """
-    side, other = rows.sides[rows.slave], rows.sides[1 - rows.slave]
+    side, other = rows.side, rows.other
     transfer = rows.transfers[1 - rows.slave]
     free, mean, tangents = side.free[rows.nodes], other.moves_with(transfer), frame[:, 1:]
     # a tangent t moves by M t: the quadratic forms tᵀ Mᵀ M t of both sides, in the basis of the tangents
@@ -327,7 +335,7 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
 def _outline(rows: Rows, keep: np.ndarray) -> Outline:
     """The covered part of the contact, with values from those of the rows `keep` (m,). Cells without a share of these
     rows, as all their nodes are clamped, are left out. Nodes without a cell, at corners of bodies, are points."""
-    side, lines = rows.sides[rows.slave], rows.lines
+    side, lines = rows.side, rows.lines
     facet, xy, hats = drawn_cells(side, rows.covered or whole_facets(side, rows.seen))
     # in space pressures are linear between corners, in the plane order 2 has rows at middles
     functions, nodes = hats, side.corners

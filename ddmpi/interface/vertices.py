@@ -232,7 +232,7 @@ def _hardly_move(rows: Rows) -> np.ndarray:
 def _fixed_along_rim(rows: Rows) -> np.ndarray:
     """Rows (r,) at an edge of the slave's rim along which one clamp constrains both ends: shear passes through such an
     edge, unlike through a plane of symmetry."""
-    side = rows.sides[rows.slave]
+    side = rows.side
     edges = creases(side.xy, side.corners[rows.seen], side.outward[rows.seen]).rim
     along = side.xy[edges[:, 1]] - side.xy[edges[:, 0]]
     along /= np.linalg.norm(along, axis=1)[:, None]
