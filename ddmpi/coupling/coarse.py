@@ -25,7 +25,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.petsc.events import event
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import ALIKE, Frame, RigidMotion, crossed
+from ddmpi.system.numbers import ALIKE, Frame, RigidMotion, crossed, divisor
 
 
 @dataclass(frozen=True)
@@ -357,7 +357,7 @@ class CoarseSystem:
     def _factor(self, S: sparse.csc_matrix) -> None:
         """Factors of S (size, size), scaled to a diagonal of ones: rigid motions (N/m) and modes have unlike units."""
         diagonal = np.abs(S.diagonal())
-        self._scale = 1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
+        self._scale = 1.0 / np.sqrt(divisor(diagonal))
         S.data *= self._scale[S.indices] * np.repeat(self._scale, np.diff(S.indptr))
         # S is nearly symmetric. Without the scaling pivots would leave the diagonal, and with it the order that keeps
         # the factors sparse: those of a wall of 1,008 bricks would have fifteen times the entries

@@ -16,7 +16,7 @@ from ddmpi.coupling.sides import Sides
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.trace import nodal_forces, seen
 from ddmpi.petsc.events import event
-from ddmpi.system.numbers import ROUNDING, Frame, norm
+from ddmpi.system.numbers import ROUNDING, Frame, divisor, norm
 
 RANK = 1e-9
 """Singular values below this fraction of the largest are rounding: of ties that say one thing twice."""
@@ -153,9 +153,7 @@ class Member(Sides):
         squares = np.bincount(B.row, B.data**2 * node[B.col], self.size)
         shared = np.bincount(B.row, B.data**2 * (several * node)[B.col], self.size)
         columns = self.C.B @ sparse.diags(np.sqrt(several * node))
-        return columns[:, several], (shared > 0.0) * compliance * (
-            1.0 - shared / np.where(squares > 0.0, squares, 1.0)
-        )
+        return columns[:, several], (shared > 0.0) * compliance * (1.0 - shared / divisor(squares))
 
     def shared(self) -> np.ndarray:
         """(size,) bool, the rows of nodes at which the body has several contacts. Not collective."""

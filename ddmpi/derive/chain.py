@@ -24,6 +24,7 @@ from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Outer
 from ddmpi.sets import magnitude
 from ddmpi.system.agreement import agreed
+from ddmpi.system.numbers import divisor
 
 DRIVEN = "it drives a motion that nothing but the errors of meshes resists"
 
@@ -260,5 +261,5 @@ def _rubbed(
     slip = state.slip[law.sliding]
     resistance = np.broadcast_to(state.resistance, state.gap.shape)[law.sliding]
     size, rubs = magnitude(slip), resistance > 0.0
-    longer = (slip * -law.split(dr)[1]).sum(axis=1) / np.where(size > 0.0, size, 1.0)
+    longer = (slip * -law.split(dr)[1]).sum(axis=1) / divisor(size)
     return float((resistance * longer + 0.5 * (dnew + dold) * size)[rubs].sum())

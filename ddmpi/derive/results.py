@@ -16,6 +16,7 @@ from ddmpi.interface.state import ContactState
 from ddmpi.mesh.mesh import Mesh, bare
 from ddmpi.scene.results import Named
 from ddmpi.sets import magnitude
+from ddmpi.system.numbers import divisor
 
 STEP = 1e-6
 """Of central differences of the von Mises stress, relative to it."""
@@ -156,7 +157,7 @@ def _dissipate(found: Functional, interface: Interface, part: slice, state: Cont
     size = magnitude(slip)
     bounds = 0.5 * size * (resistance > 0.0)
     slopes = law.slope(s[:m]) * (s[:m] > 0.0)[law.sliding]
-    along = (resistance / np.where(size > 0.0, size, 1.0))[:, None] * slip
+    along = (resistance / divisor(size))[:, None] * slip
     found.bounds[interface.name] = bounds
     law.split(found.moves[part])[1][:] = along
     np.add.at(found.forces[part], law.sliding, bounds * slopes)

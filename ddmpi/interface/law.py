@@ -26,7 +26,7 @@ from ddmpi.body.loads import values_at
 from ddmpi.errors import InputError
 from ddmpi.scene.contacts import Coulomb, Friction, Profile, Tresca, at_times
 from ddmpi.sets import Box, Discs, magnitude, shorten
-from ddmpi.system.numbers import in_words
+from ddmpi.system.numbers import divisor, in_words
 
 ON_BOUND = 1e-8
 """Relative distance to its bound below which a force counts as lying on it: a tangential force on the slip bound, a
@@ -175,9 +175,7 @@ class Law:
         slips = size >= bound
         # Where |q_t| > g the projection is g q_t/|q_t|. Its (semismooth) derivative across q_t is g/|q_t|: there
         # κ δs + c δr = 0 with κ = |q_t|/g − 1, a spring of compliance κ/c against which friction turns.
-        excess = np.where(
-            slips & (bound > 0.0), size / np.where(bound > 0.0, bound, 1.0) - 1.0, 0.0
-        )
+        excess = np.where(slips & (bound > 0.0), size / divisor(bound) - 1.0, 0.0)
         slip = np.where(slips[:, None], direction(tangential), 0.0)
         return ActiveSet(pressure, normal > self.least, slip, bound, excess)
 
@@ -412,9 +410,7 @@ def law_of(
 def direction(vectors: np.ndarray) -> np.ndarray:
     """v / |v| (k, c); the first axis where v is zero."""
     size = magnitude(vectors)[:, None]
-    return np.where(
-        size > 0.0, vectors / np.where(size > 0.0, size, 1.0), np.eye(1, vectors.shape[1])
-    )
+    return np.where(size > 0.0, vectors / divisor(size), np.eye(1, vectors.shape[1]))
 
 
 def across(directions: np.ndarray) -> np.ndarray:

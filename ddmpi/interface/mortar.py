@@ -43,7 +43,7 @@ from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, outlined
 from ddmpi.surface.side import Side, nodal, unit
-from ddmpi.system.numbers import SAME, Frame, RigidMotion, in_words
+from ddmpi.system.numbers import SAME, Frame, RigidMotion, divisor, in_words
 
 SLIVER = 0.02
 """A facet covered by a smaller fraction has a constant dual function: 1 at the nearest corner, 0 at the others."""
@@ -371,7 +371,7 @@ def _lines(rows: Rows, over: Cover, psi: sparse.csr_matrix) -> Lines:
     # The remainder of a row is the length of nodes that are left out.
     length[nodes] += rows.area - np.bincount(place[faces], length[faces])
     some = length > 0.0
-    centre = np.where(some[:, None], psi.T @ points / np.where(some, length, 1.0)[:, None], side.xy)
+    centre = np.where(some[:, None], psi.T @ points / divisor(length)[:, None], side.xy)
     # Centres that are the nodes but for rounding are the nodes.
     centre = np.where(np.abs(centre - side.xy) <= SAME * side.spacing[:, None], side.xy, centre)
     return Lines(place, side.xy, length, side.pieces(rows.seen), centre).only(faces)

@@ -13,7 +13,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ON_BOUND, Law
 from ddmpi.interface.utilisation import largest_factor
 from ddmpi.sets import magnitude
-from ddmpi.system.numbers import ALIKE, RigidMotion, moment, place_of_largest
+from ddmpi.system.numbers import ALIKE, RigidMotion, divisor, moment, place_of_largest
 
 RESULTANTS = (
     "force",
@@ -164,7 +164,7 @@ class ContactState:
     def utilised(self) -> np.ndarray:
         """(m,) the tangential force over its bound, from 0 to 1; 0 where there is no bound."""
         bound = self.slip_bound
-        return magnitude(self.tangential_force) * (bound > 0.0) / np.where(bound > 0.0, bound, 1.0)
+        return magnitude(self.tangential_force) * (bound > 0.0) / divisor(bound)
 
     @property
     def utilisation(self) -> float:

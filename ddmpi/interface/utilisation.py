@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ddmpi.sets import magnitude
+from ddmpi.system.numbers import divisor
 
 PRECISE = 1e-7
 """Relative distance of the bounds on the factor at which the search ends."""
@@ -50,7 +51,7 @@ def largest_factor(motions: np.ndarray, shares: np.ndarray) -> float:
         root = np.hypot(barrier, size)
         # maximises τ · V y + barrier log(1 − |τ|²)
         friction = speeds / (root + barrier)[:, None]
-        ahead = speeds / np.where(size > 0.0, size, 1.0)[:, None]
+        ahead = speeds / divisor(size)[:, None]
         along = np.einsum("ncj,nc->nj", moves, ahead)
         across = (moves - ahead[:, :, None] * along[:, None]).reshape(*basis.shape)
         weight = np.repeat(1.0 / (root + barrier), shares.shape[1])

@@ -25,7 +25,7 @@ from ddmpi.scene.values import (
     joined,
     no_z,
 )
-from ddmpi.system.numbers import ALIKE, nearest_in
+from ddmpi.system.numbers import ALIKE, divisor, nearest_in
 
 SQUASHED = 1e-6
 """The search for the nearest point to an axis scales lengths along the axis by this."""
@@ -585,9 +585,7 @@ class Round(RigidSurface, frozen=True, kw_only=True):
         away = self.away(points)
         sign = -1.0 if self.inside else 1.0
         distance = np.linalg.norm(away, axis=-1)
-        return sign * away / np.where(distance > 0.0, distance, 1.0)[..., None], sign * (
-            distance - self.radius
-        )
+        return sign * away / divisor(distance)[..., None], sign * (distance - self.radius)
 
     def deepest(self, simplices: np.ndarray) -> np.ndarray:
         if self.inside:

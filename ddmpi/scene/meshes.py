@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 
 from ddmpi.scene.values import Count, Group, NonNegative, Point, Positive, Table
-from ddmpi.system.numbers import ALIKE
+from ddmpi.system.numbers import ALIKE, divisor
 
 LARGEST_SIZE = "h, the largest size of an element"
 """What ``size`` is of a drawing."""
@@ -343,7 +343,7 @@ def _check_corners(corners: tuple[Point, ...]) -> None:
     )
     edges = slopes @ x
     size = np.linalg.norm(edges, axis=2, keepdims=True)
-    sines = np.linalg.det(edges / np.where(size > 0.0, size, 1.0))
+    sines = np.linalg.det(edges / divisor(size))
     base = (
         "the four of the bottom, counter-clockwise seen from the top, and then the four above them"
     )

@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import SHARPEST, links
 from ddmpi.surface.side import Side, unit
-from ddmpi.system.numbers import ALIKE, SAME, spans, together
+from ddmpi.system.numbers import ALIKE, SAME, divisor, spans, together
 
 FEWEST = 5
 """Fewest neighbours of a fit: as many as a quadratic surface through a corner has coefficients."""
@@ -86,7 +86,7 @@ class Patch(Side):
         # On a sphere Q = Σ w_i w_j |x_i − x_j|² is R² less the squared distance of the point from the centre, and
         # normals differ by κ (x_i − x_j): κ = K/Q, a mean over the edges weighted by the point.
         Q, K = (np.einsum("qc,qcd,qcd->q", part, apart, values) for values in (apart, turn))
-        kappa = np.where(Q > 0.0, K / np.where(Q > 0.0, Q, 1.0), 0.0)
+        kappa = np.where(Q > 0.0, K / divisor(Q), 0.0)
         square = np.roll((apart**2).sum(axis=2), -1, axis=1)  # of the edge that a corner is not on
         share = square * (square.sum(axis=1, keepdims=True) - 2.0 * square)
         middle = np.einsum(

@@ -22,7 +22,7 @@ from ddmpi.mesh.elements import (
     facet_shares,
     normals,
 )
-from ddmpi.system.numbers import ROUNDING, Frame
+from ddmpi.system.numbers import ROUNDING, Frame, divisor
 
 NEWTON = 20
 """Most steps to the place of a point in a quadrilateral; parallelograms take one."""
@@ -289,7 +289,7 @@ def bilinear(places: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.
 def unit(vectors: np.ndarray) -> np.ndarray:
     """Vectors (…, d) over their lengths; zero stays zero."""
     size = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return vectors / np.where(size > 0.0, size, 1.0)
+    return vectors / divisor(size)
 
 
 def frames(normal: np.ndarray) -> np.ndarray:

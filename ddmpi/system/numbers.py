@@ -36,6 +36,11 @@ def norm(x: np.ndarray) -> float:
     return math.sqrt(x @ x)
 
 
+def divisor(sizes: np.ndarray) -> np.ndarray:
+    """Sizes (…) to divide by: 1 where they are zero, as what they divide is zero, too, or does not count."""
+    return np.where(sizes > 0.0, sizes, 1.0)
+
+
 def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """The moment about the origin, () or (3,), of forces (m, d) at places (m, d); around an axis they have none."""
     return np.ascontiguousarray(moments(at, forces, axisymmetric).T).sum(axis=-1)

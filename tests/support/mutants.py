@@ -2835,7 +2835,7 @@ MUTANTS = [
         (
             "the coarse problem compares metres with shares of modes",
             "coupling/coarse",
-            "1.0 / np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))",
+            "1.0 / np.sqrt(divisor(diagonal))",
             "np.ones(len(diagonal))",
             "coupling/test_coarse.py::test_factors_of_many_blocks_are_sparse",
         ),
