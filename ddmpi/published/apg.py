@@ -9,12 +9,10 @@ and one reduction.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 
-from ddmpi.published.mprgp import TaoType
-from ddmpi.sets import Box
+from ddmpi.published.mprgp import Program, TaoType
 
 EPS = float(np.finfo(float).eps)
 
@@ -28,15 +26,8 @@ class APG(TaoType):
 
     title = "projected gradient steps"
 
-    def iterate(
-        self,
-        x: np.ndarray,
-        g: np.ndarray,
-        feasible: Box,
-        multiply: Callable[[np.ndarray], np.ndarray],
-        reduce: Callable[..., list[float]],
-        norm: float,
-    ) -> int:
+    def iterate(self, program: Program) -> int:
+        x, g, feasible, multiply, reduce, norm = program
         y, g_y = x.copy(), g.copy()  # the extrapolated point, from which the next step starts
         change, H_change = np.zeros_like(x), np.zeros_like(x)
         self.steps, momentum = {"gradient": 0, "restart": 0}, 1.0

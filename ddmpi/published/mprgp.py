@@ -16,6 +16,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
@@ -35,6 +36,26 @@ STEP = 1.9
 
 TELLING = 1000
 """The log shows the residual after every so many steps."""
+
+
+class Program(NamedTuple):
+    """A program as one rank has it.
+
+    Attributes
+    ----------
+    x, g : the point, at first where to start, and the gradient there; both change in place
+    feasible : the set of feasible points
+    multiply : by the Hessian
+    reduce : as of `reduction`
+    norm : ‖H‖₂ from below
+    """
+
+    x: np.ndarray
+    g: np.ndarray
+    feasible: Box
+    multiply: Callable[[np.ndarray], np.ndarray]
+    reduce: Callable[..., list[float]]
+    norm: float
 
 
 class TaoType:
@@ -69,25 +90,15 @@ class TaoType:
             return HP.array_r.copy()  # the next product overwrites it
 
         reduce = reduction(X)
-        reason = self.iterate(
-            X.array, G.array, feasible, multiply, reduce, hessian_norm(H, X, reduce)
-        )
+        norm = hessian_norm(H, X, reduce)
+        reason = self.iterate(Program(X.array, G.array, feasible, multiply, reduce, norm))
         tao.setIterationNumber(self._iteration)
         tao.setConvergedReason(reason)
         P.destroy()
         HP.destroy()
 
-    def iterate(
-        self,
-        x: np.ndarray,
-        g: np.ndarray,
-        feasible: Box,
-        multiply: Callable[[np.ndarray], np.ndarray],
-        reduce: Callable[..., list[float]],
-        norm: float,
-    ) -> int:
-        """Minimize from x, with its gradient g, both in place; return the reason of the end. `norm` is ‖H‖₂ from below,
-        `reduce` as of `reduction`."""
+    def iterate(self, program: Program) -> int:
+        """Minimize; return the reason of the end."""
         raise NotImplementedError
 
     def _ends(self, residual: float, rounding: float = 0.0) -> int | None:
@@ -117,15 +128,8 @@ class MPRGP(TaoType):
 
     title = "steps of MPRGP"
 
-    def iterate(
-        self,
-        x: np.ndarray,
-        g: np.ndarray,
-        feasible: Box,
-        multiply: Callable[[np.ndarray], np.ndarray],
-        reduce: Callable[..., list[float]],
-        norm: float,
-    ) -> int:
+    def iterate(self, program: Program) -> int:
+        x, g, feasible, multiply, reduce, norm = program
         self.steps, p = dict.fromkeys(("cg", "expansion", "proportioning"), 0), np.empty(0)
         # with curvature 0 the next conjugate gradient step starts anew
         Hp, curvature = np.zeros_like(x), 0.0

@@ -60,6 +60,9 @@ class Subproblem:
     member : the body
     interface : where it meets the other body
     role : 1 or 2
+    algorithm : "original" or "modified", which say whose QP bounds the tangential forces
+    splitting : "none", "step1", "step2" or "step1+2": the QPs of which roles are one Gauss–Seidel sweep, the normal
+        forces with fixed tangential ones and then the tangential ones, instead of all at once
 
     Attributes
     ----------
@@ -68,40 +71,41 @@ class Subproblem:
     solver : of the QPs
     """
 
-    def __init__(self, member: Member, interface: Interface, role: int) -> None:
+    def __init__(
+        self,
+        member: Member,
+        interface: Interface,
+        role: int,
+        algorithm: str = "original",
+        splitting: str = "none",
+    ) -> None:
         self.member, self.interface, self.role = member, interface, role
+        self._bounds_friction = role == friction_role(algorithm)
         m = interface.m
-        self._normal, self._tangential, self._whole = slice(0, m), slice(m, None), slice(None)
+        self._normal, self._blocks = slice(0, m), [slice(None)]
+        if splitting in (f"step{role}", "step1+2") and interface.size > m:
+            self._blocks = [self._normal, slice(m, None)]
         self._sign = 1.0 if role == 1 else -1.0
         self.solver = QPSolver()
         self.s, self.Cs = np.zeros(interface.size), np.zeros(interface.size)
         self.steps: dict[str, int] = {}
 
-    def constraints(self, bound: np.ndarray, algorithm: str) -> Box:
-        """The set of forces that the role allows in the algorithm, for the slip bound (mt,)."""
-        slides = self.role != friction_role(algorithm)
-        allowed = self.interface.law.cone(np.full_like(bound, np.inf) if slides else bound)
+    def constraints(self, bound: np.ndarray) -> Box:
+        """The set of forces that the role allows, for the slip bound (mt,)."""
+        most = bound if self._bounds_friction else np.full_like(bound, np.inf)
+        allowed = self.interface.law.cone(most)
         if self.role == 1:
             allowed.lower[self._normal] = -np.inf
         return allowed
 
     def solve(
-        self,
-        lam: np.ndarray,
-        bound: np.ndarray,
-        tolerance: float,
-        algorithm: str = "original",
-        split: bool = False,
-        neglected: float = 0.0,
+        self, lam: np.ndarray, bound: np.ndarray, tolerance: float, neglected: float = 0.0
     ) -> np.ndarray:
         """Contact forces s (size,) for the contact displacement `lam` (m) and the slip bound (N).
 
         Parameters
         ----------
         tolerance : largest norm of the projected gradient (m)
-        algorithm : "original" or "modified"
-        split : one Gauss–Seidel sweep, the normal forces with fixed tangential ones and then the
-            tangential ones, instead of all at once
         neglected : largest error (m) that a multiplication may leave in C s, see `QPSolver.solve`
 
         Raises SolverError. Collective on the body's communicator. Slides: Steps 1 and 2 of (DD)_h,
@@ -109,11 +113,11 @@ class Subproblem:
         """
         C = self.member.C
         d = self.member.h - self._sign * lam
-        allowed = self.constraints(bound, algorithm)
+        allowed = self.constraints(bound)
         if self.role == 2:  # body 2 has the contact condition, with the initial gap
             d[self._normal] -= self.interface.gap
         # a block is the whole QP with the other forces held: the product C s contains C_νt s_t or C_tν s_ν
-        for block in (self._normal, self._tangential) if split else (self._whole,):
+        for block in self._blocks:
             qp = QP(C, d, allowed.holding(self.s, block))
             result = self.solver.solve(
                 qp, self.s, self.Cs, tolerance, f"step{self.role}", neglected
@@ -123,7 +127,7 @@ class Subproblem:
                 self.steps[kind] = self.steps.get(kind, 0) + number
         return self.s
 
-    def neumann(self, jump: np.ndarray, relative: float = 0.0) -> np.ndarray:
+    def neumann(self, jump: np.ndarray, relative: float) -> np.ndarray:
         """B w (size,) with A w = ½ Bᵀ `jump`: the displacement (m) that the force jump (N) causes.
 
         `relative` as for `Compliance.mult`. Collective on the body's communicator. Slides: Steps 3 and 4.
@@ -168,7 +172,7 @@ class PublishedIteration(Outer):
         precision: float | None = None,
     ) -> None:
         self.exchange, self.method, self.report = assembly.exchange, method, report
-        self.algorithm, self.splitting = method.algorithm or "original", method.splitting or "none"
+        self.algorithm = method.algorithm or "original"
         self._precision = precision or (
             FIXED_PRECISION if method.inner_precision == "fixed" else method.inner_precision
         )
@@ -177,10 +181,11 @@ class PublishedIteration(Outer):
         (self.interface,) = members[0].interfaces
         space = Space([self.interface])
         self._laws, self._lead, self._owned = space.laws, lead, slice(assembly.space.size)
-        self.subproblems = [
-            Subproblem(member, self.interface, 1 if self.interface.side(member.name) == lead else 2)
-            for member in members
-        ]
+        self.subproblems = []
+        for member in members:
+            role = 1 if self.interface.side(member.name) == lead else 2
+            ways = self.algorithm, method.splitting or "none"
+            self.subproblems.append(Subproblem(member, self.interface, role, *ways))
         self.inner_steps = self.subproblems[0].steps
         for body in self.subproblems:
             body.steps = self.inner_steps  # those of this rank
@@ -217,10 +222,6 @@ class PublishedIteration(Outer):
     def qp_type(self) -> str:
         return self.subproblems[0].solver.type
 
-    def _split(self, role: int) -> bool:
-        """Whether the QP of a role is split into a normal and a tangential block; without friction there is only one."""
-        return len(self._bound) > 0 and self.splitting in (f"step{role}", "step1+2")
-
     def run(self, tolerance: float) -> str:
         """Iterate until ‖λ_k − λ_{k−1}‖ ≤ tolerance ‖λ_k‖; otherwise as `Outer.run`."""
         self._tolerance = tolerance
@@ -256,8 +257,7 @@ class PublishedIteration(Outer):
         with exchange.deferred():
             # Steps 1 and 2.
             for body in self.subproblems:
-                split = self._split(body.role)
-                body.solve(self.lam, self._bound, precision, self.algorithm, split, neglected)
+                body.solve(self.lam, self._bound, precision, neglected)
         self.s1, self.s2 = self._swap(self.body_forces(), "forces")
         w = [np.zeros(len(self.lam) + 1) for _ in self.subproblems]
         with exchange.deferred():

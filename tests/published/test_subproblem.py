@@ -12,9 +12,9 @@ INF = np.inf
 LAW = CoulombLaw(2, np.arange(2), 1, np.full(2, 0.3))
 
 
-def subproblem(role: int, asked: list) -> Subproblem:
+def subproblem(role: int, asked: list, algorithm: str = "original") -> Subproblem:
     interface = SimpleNamespace(m=2, size=4, law=LAW, gap=np.array([0.5, 0.25]))
-    found = Subproblem(SimpleNamespace(C=None, h=np.arange(4.0)), interface, role)
+    found = Subproblem(SimpleNamespace(C=None, h=np.arange(4.0)), interface, role, algorithm)
 
     def solve(qp, s, Cs, *_):
         asked.append(qp.d)
@@ -34,7 +34,7 @@ def subproblem(role: int, asked: list) -> Subproblem:
     ],
 )
 def test_each_role_has_the_bounds_of_the_algorithm(algorithm, role, lower, upper):
-    box = subproblem(role, []).constraints(np.array([1.0, 2.0]), algorithm)
+    box = subproblem(role, [], algorithm).constraints(np.array([1.0, 2.0]))
     assert (box.lower.tolist(), box.upper.tolist()) == (lower, upper)
 
 

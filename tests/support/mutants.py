@@ -3368,8 +3368,8 @@ MUTANTS = [
         (
             "bounds of the other role",
             "published/published",
-            "slides = self.role != friction_role(algorithm)",
-            "slides = self.role == friction_role(algorithm)",
+            "_bounds_friction = role == friction_role(algorithm)",
+            "_bounds_friction = role != friction_role(algorithm)",
             "published/test_subproblem.py::test_each_role_has_the_bounds_of_the_algorithm",
         ),
         (
