@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST
 from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.results.fields import boundary_of, linear_parts
 from ddmpi.scene.output import VIEWS
+from ddmpi.surface.near import around
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import ALIKE, spans
 
@@ -312,10 +312,8 @@ def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     ends = points[edges]
     middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
-    near = cKDTree(middle).query_ball_point(middle, 0.51 * length) if len(edges) else []
-    other = np.repeat(np.arange(len(edges)), list(map(len, near)))
-    one = np.concatenate([np.zeros(0, int), *near])
-    one, other = one[one != other].astype(int), other[one != other]
+    other, one = around(middle, 0.51 * length, middle)
+    one, other = one[one != other], other[one != other]
     away = middle[one] - ends[other, 0]
     share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)
     met = np.linalg.norm(away - share[:, None] * along[other], axis=1) < MEETING * length[one]

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ddmpi.mesh.elements import CELLS, Cell, facet_measures
+from ddmpi.surface.near import around
 from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import ROUNDING, SAME, spans, together
 
@@ -132,7 +133,7 @@ def _near(
         np.linalg.norm(triangles - triangles.mean(axis=1, keepdims=True), axis=2).max(axis=1)
         for triangles in (slaves, masters)
     )
-    facet, other = [np.empty(0, int)], [np.empty(0, int)]
+    pairs = []
     classes = np.floor(np.log2(reach))
     nearest = cKDTree(far).query(centre)[1]
     t = np.einsum("fd,fd->f", far[nearest] - centre, outward)
@@ -144,16 +145,9 @@ def _near(
         some = np.flatnonzero(classes == level)
         largest = reach[some].max()
         ball = radius / steep + largest + np.maximum(aside - largest, 0.0)
-        members = cKDTree(far[some]).query_ball_point(place, ball)
-        facet.append(np.repeat(np.arange(len(slaves)), [len(near) for near in members]))
-        other.append(
-            some[
-                np.concatenate([np.empty(0, int), *map(np.asarray, filter(len, members))]).astype(
-                    int
-                )
-            ]
-        )
-    first, second = np.concatenate(facet), np.concatenate(other)
+        facet, other = around(place, ball, far[some])
+        pairs.append(np.stack([facet, some[other]]))
+    first, second = np.concatenate(pairs, axis=1)
     order = np.lexsort((second, first))
     return first[order], second[order]
 
@@ -263,9 +257,8 @@ def _opposite(
     one, step = spans(np.zeros(len(slaves), int), steps)
     # Balls of 3 r at steps of 2 r hold all centres within 2 r of the ray: r for the facet, r for the piece's place.
     ahead = centre[one] + (2 * step[:, None] + 1) * radius * outward[one]
-    near = cKDTree(centre).query_ball_point(ahead, 3.0 * radius)
-    one = np.repeat(one, [len(facets) for facets in near])
-    other = np.concatenate([np.empty(0, int), *map(np.asarray, filter(len, near))]).astype(int)
+    ball, other = around(ahead, 3.0 * radius, centre)
+    one = one[ball]
     opposed = np.einsum("pd,pd->p", outward[one], outward[other]) < -SAME
     return np.unique(np.stack([one, other])[:, opposed], axis=1)
 

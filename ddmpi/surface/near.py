@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from itertools import chain
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from ddmpi.mesh.elements import invert
 from ddmpi.system.numbers import nearest_in, spans
+
+
+def around(
+    centres: np.ndarray, reach: np.ndarray | float, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """All pairs of centres (c, d) and points (k, d) up to `reach` (c,) from them: numbers (q,) of both, sorted by
+    centres."""
+    near = cKDTree(points).query_ball_point(centres, reach)
+    number = np.array([len(some) for some in near], int)
+    return np.repeat(np.arange(len(centres)), number), np.fromiter(chain.from_iterable(near), int)
 
 
 def contained(

@@ -1877,8 +1877,8 @@ MUTANTS = [
         (
             "no facets are near",
             "surface/cut",
-            "facet.append(np.repeat(np.arange(len(slaves)), [",
-            "(np.repeat(np.arange(len(slaves)), [",
+            "pairs.append(np.stack([facet, some[other]]))",
+            "pairs.append(np.stack([facet, some[other]])[:, :0])",
             "interface/test_curved_sides.py::test_areas_of_curved_facets_in_space_are_those_of_the_surface",
         ),
         (
