@@ -49,21 +49,13 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     names = list(results.summary["bodies"])
     contacts = results.scene["contact"]
     tables = [results.contacts[contact["name"]] for contact in contacts]
-    follows = [
-        contact["gap"].get("history") if isinstance(contact.get("gap"), dict) else None
-        for contact in contacts
-    ]
-    tables = [
-        table
-        | {"initial_gap": factor_at(results.summary, name, results.time) * table["initial_gap"]}
-        for name, table in zip(follows, tables, strict=True)
-    ]
+    gaps = [_initially(results, contact) for contact in contacts]
     mobile, apart = np.zeros(len(names)), np.zeros((len(tables), len(names)))
     distances = np.zeros((len(tables), results.dimension))
     np.maximum.at(mobile, owner, moved)
-    for k, (contact, table) in enumerate(zip(contacts, tables, strict=True)):
+    for k, (contact, table, gap) in enumerate(zip(contacts, tables, gaps, strict=True)):
         touching = table["status"] != "open"
-        distances[k] = _initially(table)[touching if touching.any() else slice(None)].mean(axis=0)
+        distances[k] = gap[touching if touching.any() else slice(None)].mean(axis=0)
         # A rigid partner is no body and does not shift.
         bodies = [names.index(name) for name in contact["bodies"] if name in names]
         if len({*contact["bodies"]}) == 2:  # both sides of one body shift alike
@@ -76,8 +68,8 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     extent, size = np.ptp(points, axis=0).max(), max(moved.max(), largest, np.abs(shifts).max())
     limits = [
         limit
-        for table, shift in zip(tables, apart @ shifts, strict=True)
-        for limit in _limits(table, shift, INVISIBLE * extent)
+        for table, gap, shift in zip(tables, gaps, apart @ shifts, strict=True)
+        for limit in _limits(table, gap - shift, INVISIBLE * extent)
     ]
     chosen = round_down(min([DRAWN * extent / size, *limits])) if size else 1.0
     chosen = _unfolded(results, chosen)
@@ -100,15 +92,18 @@ def _unfolded(results: Results, factor: float) -> float:
     return factor
 
 
-def _initially(table: Columns) -> np.ndarray:
+def _initially(results: Results, contact: dict) -> np.ndarray:
     """(l, d) from the first to the second body along the normal, undeformed (m): the gap without displacements."""
-    return table["initial_gap"][:, None] * vectors(table, "n")
+    table, given = results.contacts[contact["name"]], contact.get("gap")
+    history = given.get("history") if isinstance(given, dict) else None
+    factor = factor_at(results.summary, history, results.time)
+    return factor * table["initial_gap"][:, None] * vectors(table, "n")
 
 
-def _limits(table: Columns, shift: np.ndarray, visible: float) -> Iterator[float]:
-    """The largest magnifications F at which errors are not `visible` (m); `shift` is per unit of F − 1. A gap is drawn
-    as F times itself less (F − 1) `left`."""
-    left, gap = _initially(table) - shift, table["gap"]
+def _limits(table: Columns, left: np.ndarray, visible: float) -> Iterator[float]:
+    """The largest magnifications F at which errors are not `visible` (m). A gap is drawn as F times itself less (F − 1)
+    `left` (l, d)."""
+    gap = table["gap"]
     wrong = np.linalg.norm(left[table["status"] != "open"], axis=1).max(initial=0.0)
     if wrong:
         yield 1.0 + visible / wrong

@@ -149,13 +149,12 @@ def test_open_nodes_are_magnified_until_their_overlap_is_seen(gap):
     """A gap g is drawn as F g − (F − 1) l, where l is what shifts leave of the gap at first."""
     left, now = gap + 1e-3, gap + 5e-4
     table = {
-        "initial_gap": np.array([gap]),
         "gap": np.array([now]),
         "nx": np.array([0.0]),
         "ny": np.array([-1.0]),
         "status": np.array(["open"]),
     }
-    (limit,) = _limits(table, np.array([0.0, 1e-3]), 0.1)
+    (limit,) = _limits(table, np.array([[0.0, -gap - 1e-3]]), 0.1)
     assert limit * now - (limit - 1.0) * left == pytest.approx(-0.1)
 
 
