@@ -1,6 +1,5 @@
 """What all pictures share: colours, axes, placement of points and surfaces, colour bars and names."""
 
-import sys
 import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -93,15 +92,8 @@ def start_drawing() -> Any:
     if Path(matplotlib.matplotlib_fname()).resolve().parent == Path.cwd():
         matplotlib.rcdefaults()  # settings of the current folder, which may be anybody's, may start LaTeX
     matplotlib.use("agg")
-    from matplotlib import artist
+    from matplotlib import pyplot
 
-    of_keywords = artist.kwdoc
-    try:
-        if "ddmpi.cli.main" in sys.modules:  # nobody asks for help on matplotlib there
-            vars(artist)["kwdoc"] = lambda _: ""  # a third of the time of the import
-        from matplotlib import pyplot
-    finally:
-        vars(artist)["kwdoc"] = of_keywords
     return pyplot
 
 
