@@ -23,6 +23,7 @@ from ddmpi.pictures.moved import (
 )
 from ddmpi.pictures.scales import pressure_ends
 from ddmpi.pictures.sheet import (
+    ARROW,
     COLOURS,
     RESOLVED,
     ZONES,
@@ -84,33 +85,20 @@ def draw_contacts(results: Results) -> Any:
         sheet, forces, counted = _draw_painted(results, forces)
     width = ASIDE * np.ptp(sheet.axes.get_ylim())
     for ends in _aside([sheet.place(ends)[:, :2] for ends in forces.values()], width):
-        sheet.axes.annotate(
-            "",
-            *ends[::-1],
-            annotation_clip=False,
-            zorder=6,
-            arrowprops={
-                "arrowstyle": "-|>",
-                "shrinkA": 0,
-                "shrinkB": 0,
-                "linewidth": 1.6,
-                "color": COLOURS["force"],
-            },
-        )
+        style = ARROW | {"linewidth": 1.6, "color": COLOURS["force"]}
+        sheet.axes.annotate("", *ends[::-1], annotation_clip=False, zorder=6, arrowprops=style)
     if legend:
         above(sheet.axes, legend, 2 + (sheet.figure.get_figwidth() > sheet.figure.get_figheight()))
     sheet.title(f"{results.heading(True)}contact forces{counted}", ", ")
     return sheet.figure
 
 
-def _stresses(
-    results: Results, tables: Mapping[str, Columns]
-) -> tuple[np.ndarray, str, float, str]:
-    """The normal stresses of contacts, what they are called, and the number and the name of their unit."""
+def _stresses(results: Results, tables: Mapping[str, Columns]) -> tuple[float, str, float, str]:
+    """The largest normal stress of contacts, what it is called, and the number and the name of its unit."""
     stresses = np.nan_to_num(np.concatenate([table["normal_stress"] for table in tables.values()]))
     kind = "pressure" if stresses.min(initial=0.0) >= 0.0 else "normal stress"
     top = np.abs(stresses).max(initial=0.0)
-    return stresses, kind, *scaled_unit(top, results.units["stress"])
+    return top, kind, *scaled_unit(top, results.units["stress"])
 
 
 def _draw_profiles(
@@ -118,8 +106,7 @@ def _draw_profiles(
 ) -> tuple[Sheet, Patch]:
     """Bodies in the plane with the normal stresses along contacts, the largest 0.8 `size` (m) high, and zones; with room
     for `forces`. The sheet, and what the legend says of the stresses."""
-    stresses, kind, factor, unit_of = _stresses(results, results.contacts)
-    top = np.abs(stresses).max(initial=0.0)
+    top, kind, factor, unit_of = _stresses(results, results.contacts)
     areas, rims, zones, colours = _profiles(results, 0.8 * size / (top or 1.0))
     sheet = Sheet(results, np.vstack([results.points, *areas, *forces]), rigid_parts(results))
     sheet.show([Surface(results.points, skin_of(results).facets, filled("still"))])
@@ -143,8 +130,7 @@ def _draw_painted(
     and what the title says of the largest pressure."""
     skin = skin_of(results)
     shown = {contact["name"]: results.contacts[contact["name"]] for contact in pressed(results)}
-    stresses, kind, factor, unit_of = _stresses(results, shown)
-    top = np.abs(stresses).max(initial=0.0)
+    top, kind, factor, unit_of = _stresses(results, shown)
     shifts = apart(results, View(results.points, results.output))
     off = np.array([shifts[name] for name in results.summary["bodies"]])
     at = skin.extended(results.points + off[owners(results)])

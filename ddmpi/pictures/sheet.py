@@ -69,6 +69,7 @@ BESIDE: dict[str, Any] = {
     "bbox_to_anchor": (1.0, 1.0),
 }
 """Legends to the right of the axes."""
+ARROW = {"arrowstyle": "-|>", "shrinkA": 0, "shrinkB": 0}  # from place to place
 NAMED = 40  # largest number of bodies with names in pictures
 PIXELS = 1100  # pixels of the longer side of a picture of surfaces
 WIDE = 1.4  # pictures wider than this times their height have the colour bar below
@@ -179,19 +180,8 @@ class Sheet:
         axes.set_axis_off()
         for name, end in zip("xyz", ends, strict=True):
             if np.linalg.norm(end - origin) > 0.1 * arm:  # it does not point to the eye
-                axes.annotate(
-                    "",
-                    end,
-                    origin,
-                    arrowprops={
-                        "arrowstyle": "-|>",
-                        "shrinkA": 0,
-                        "shrinkB": 0,
-                        "linewidth": 0.9,
-                        "color": COLOURS["rigid"],
-                        "mutation_scale": 7,
-                    },
-                )
+                style = {"linewidth": 0.9, "color": COLOURS["rigid"], "mutation_scale": 7}
+                axes.annotate("", end, origin, arrowprops=ARROW | style)
                 axes.annotate(
                     name, end + text * unit(end - origin), ha="center", va="center", fontsize=9
                 )
