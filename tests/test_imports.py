@@ -62,7 +62,7 @@ PLACES = {
     "mesh/geometry": 1,
     "pictures/draw": 1,
     "pictures/contacts": 1,
-    "pictures/curves": 2,
+    "pictures/curves": 1,
     "pictures/moved": 1,
     # columns, units and the name of the preconditioner
     "check/drawing": 1,

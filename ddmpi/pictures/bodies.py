@@ -34,7 +34,7 @@ from ddmpi.results.histories import load_steps
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.motions import Image
 from ddmpi.system.files import writing
-from ddmpi.system.numbers import ALIKE, Frame, RigidMotion, crossed, scaled_unit
+from ddmpi.system.numbers import ALIKE, Frame, RigidMotion, scaled_unit
 
 MECHANISM = {
     "moved": 0.1,  # its largest displacement in the picture, over the bodies' extent
@@ -226,24 +226,24 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
 
     points, names = results.points, list(results.summary["bodies"])
     owner, skin = owners(results), skin_of(results)
-    centres, d, going = np.array(middles(results)), results.dimension, {}
-    velocities = np.zeros((len(names), len(mechanism["bodies"][0]["velocity"])))
+    centres, d = np.array(middles(results)), results.dimension
+    velocity, u, going, turning = np.zeros((len(names), d)), np.zeros_like(points), {}, 1e-300
     for body in mechanism["bodies"]:
-        if body["name"] in names:
-            k = names.index(body["name"])
-            centres[k], velocities[k] = body["centre"], body["velocity"]
-        else:
-            velocity, centre = np.array(body["velocity"]), np.array(body["centre"])
-            going[body["name"]] = RigidMotion(velocity[:d], velocity[d:], centre)
-    velocity, turning = velocities[:, :d], velocities[:, d:]
-    u = velocity[owner] + crossed(turning[owner], points - centres[owner])
+        name, speeds, centre = body["name"], np.array(body["velocity"]), np.array(body["centre"])
+        motion = RigidMotion(speeds[:d], speeds[d:], centre)
+        if name not in names:
+            going[name] = motion
+            continue
+        k = names.index(name)
+        centres[k], velocity[k] = centre, motion.displacement
+        u[owner == k] = motion.at(points[owner == k])
+        turning = max(turning, float(np.linalg.norm(motion.turn)))
     speed = np.linalg.norm(u, axis=1)
     fastest = max(
         [speed.max(), *(np.linalg.norm(motion.displacement) for motion in going.values())]
     )
     step = min(
-        MECHANISM["moved"] * np.ptp(points, axis=0).max() / fastest,
-        MECHANISM["turned"] / max(np.linalg.norm(turning, axis=1).max(), 1e-300),
+        MECHANISM["moved"] * np.ptp(points, axis=0).max() / fastest, MECHANISM["turned"] / turning
     )
     moves = np.bincount(owner, speed > MECHANISM["at rest"] * fastest) > 0
     rigid = [*rigid_parts(results), *rigid_parts(results, step, going=going)]
@@ -307,8 +307,8 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     shown = [COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
     steps = partial(load_steps, results, folder, int(ANIMATION["frames"]))
     seen = partial(steps, () if what in ("pressure", "displacement") else shown)
-    largest, least, top, (quantity, unit) = _extremes(results, seen(), what, skin)
-    least, top, quantity, unit = _whole_ends(results, folder, pressing, least, top, quantity, unit)
+    least, top, quantity, unit = _ends(results, folder, what, skin, seen())
+    largest = max(np.linalg.norm(fields["displacement"], axis=1).max() for _, fields, _ in steps())
     factor, shift, shifts = *magnify(results, largest), dict[str, np.ndarray]()
     if pressing:
         view, nowhere = View(results.points, output), np.zeros(results.dimension)
@@ -351,36 +351,22 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     return _write_frames(folder / "animation.gif", frames)
 
 
-def _whole_ends(
-    results: Results,
-    folder: Path,
-    pressing: Sequence[str],
-    least: float,
-    top: float,
-    quantity: str,
-    unit: str,
+def _ends(
+    results: Results, folder: Path, what: str | bool, skin: Skin, steps: Iterable[Any]
 ) -> tuple[float, float, str, str]:
-    """The ends of an animation's colours, with words and unit: of stresses and pressures those of all pictures."""
-    if pressing:
-        return 0.0, pressure_ends(results)[1], "pressure", results.units["stress"]
+    """The ends of an animation's colours, with words and unit: of stresses and pressures those of all pictures, of other
+    fields those of its load steps."""
+    if what == "pressure":
+        return 0.0, pressure_ends(results)[1], what, results.units["stress"]
+    _, quantity, unit = coloured(results, results.fields, what)
     if quantity == "von Mises stress":
         return 0.0, stress_end(results, folder), quantity, unit
-    return least, top, quantity, unit
-
-
-def _extremes(
-    results: Results, steps: Iterable[Any], what: str | bool, skin: Skin
-) -> tuple[float, float, float, list[str]]:
-    """The largest displacement (m), the ends of the colours in SI units, of all load steps; what these stand for and
-    the unit in which it is shown."""
-    largest = least = top = 0.0
-    areas = skin.areas(results.points)
+    least, top, areas = 0.0, 0.0, skin.areas(results.points)
     for _, fields, _ in steps:
-        largest = max(largest, np.linalg.norm(fields["displacement"], axis=1).max())
-        values, *words = coloured(results, fields, what)
+        values, *_ = coloured(results, fields, what)
         ends = limits(skin.extended(values), areas, BRIGHTEST)
         least, top = min(least, ends[0]), max(top, ends[1])
-    return largest, least, top, words
+    return least, top, quantity, unit
 
 
 def _draw_pressures(

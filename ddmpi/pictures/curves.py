@@ -150,12 +150,16 @@ def draw_convergence(results: Results) -> Any:
 
 def _position(nodes: Columns) -> tuple[np.ndarray, str]:
     """The coordinate (m,) over which a contact is drawn, and its name: x or y of a straight one, else arc length."""
-    x, y = nodes["x"], nodes["y"]
-    arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
+    x, y, arc = nodes["x"], nodes["y"], _arc(nodes)
     for axis, other, name in ((x, y, "x"), (y, x, "y")):
         if np.ptp(other) <= 1e-9 * arc[-1]:
             return axis, name
     return arc, "arc length along the contact"
+
+
+def _arc(nodes: Columns) -> np.ndarray:
+    """The arc length (m,) from the first node."""
+    return np.append(0.0, np.cumsum(np.hypot(np.diff(nodes["x"]), np.diff(nodes["y"]))))
 
 
 def _curve(axes: Any, x: np.ndarray, y: np.ndarray, breaks: np.ndarray, **style: Any) -> None:
@@ -330,9 +334,8 @@ def _draw_stresses(axes: Any, name: str, results: Results) -> None:
             step = {column: values[legs["time"] == time] for column, values in legs.items()}
             if not results.frames:  # rows of bodies that move far differ from step to step
                 step, _ = drawn_rows(step, results.facets[name])
-            arc = np.append(0.0, np.cumsum(np.hypot(np.diff(step["x"]), np.diff(step["y"]))))
             axis.plot(
-                arc,
+                _arc(step),
                 step[f"{kind}_stress"] / factor,
                 color=colour,
                 linewidth=1.2,
