@@ -87,12 +87,12 @@ def mortar(
     """
     sides, plane, covers = (first, second), isinstance(first, Curve), dict[int, Cover]()
     if over is not None:
-        covers = {_called(sides, contact).index(str(contact.slave)): over}
+        covers = {contact.roles.index(str(contact.slave)): over}
     elif plane:
         covers = {
             k: _cover(sides, k, contact.name)
             for k in (0, 1)
-            if contact.slave != _called(sides, contact)[1 - k]
+            if contact.slave != contact.roles[1 - k]
         }
     # in the plane the slave is chosen by the parts that face each other, in space by the whole sides
     slave = _choose_slave(
@@ -126,7 +126,7 @@ def mortar(
 def with_slave(first: Side, second: Side, contact: SettledContact) -> SettledContact:
     """The contact with one slave, wherever its bodies go; by default as of `mortar`, from the whole sides."""
     sides = first, second
-    slave = _called(sides, contact)[_choose_slave(sides, contact, [slice(None)] * 2)]
+    slave = contact.roles[_choose_slave(sides, contact, [slice(None)] * 2)]
     return msgspec.structs.replace(contact, slave=slave, pairing="mortar")
 
 
@@ -238,7 +238,7 @@ def _choose_slave(
         # this rule never chooses it. A tie, up to rounding, goes to the first side.
         sizes.append(size ** (1.0 / (side.dimension - 1)) / side.modulus)
     if contact.slave is not None:
-        slave = _called(sides, contact).index(contact.slave)
+        slave = contact.roles.index(contact.slave)
     else:
         slave = (
             clamped.index(min(clamped))
@@ -251,11 +251,6 @@ def _choose_slave(
             "cannot be the slave"
         )
     return slave
-
-
-def _called(sides: tuple[Side, Side], contact: SettledContact) -> tuple[str, ...]:
-    """What the contact's `slave` calls both sides: by their bodies, of one body by its own names."""
-    return contact.roles if contact.itself else tuple(side.body for side in sides)
 
 
 def _rows(

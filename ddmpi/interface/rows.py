@@ -243,7 +243,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
         ),
         modulus=1.0 / (1.0 / sides[0].modulus + 1.0 / sides[1].modulus),
         one_sided=of_rows(clamped.any(axis=0)),
-        slave=(contact.roles[rows.slave] if contact.itself else side.body) if rows.points else None,
+        slave=contact.roles[rows.slave] if rows.points else None,
         partner=Partner(pull=pull),
         fixed=_at_rows(rows, np.flatnonzero(dropped), start),
         probes=_probes(rows, contact, dropped, np.flatnonzero(beyond), start),

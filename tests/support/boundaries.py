@@ -153,12 +153,14 @@ def held_beside(contact: Interface) -> np.ndarray:
 
 
 def asked(
-    friction, name: str = "seam", gap=None, kind: str = "unilateral", **how
+    friction, name: str = "seam", gap=None, kind: str = "unilateral", sides=(), **how
 ) -> SettledContact:
-    """What a scene says of a contact."""
+    """What a scene says of a contact, of bodies with the names of its `sides` where these differ."""
+    names = tuple(side.body for side in sides)
+    bodies = names if len(set(names)) == 2 else ("one", "other")
     return SettledContact(
         name=name,
-        bodies=("one", "other"),
+        bodies=bodies,
         on=("on", "on"),
         friction=friction,
         gap=gap,
@@ -168,7 +170,9 @@ def asked(
 
 
 def pair(first: Side, second: Side, friction, name: str, refinement: int = 1, **how) -> Interface:
-    return matching.pair(first, second, asked(friction, name, **how), refinement)
+    return matching.pair(
+        first, second, asked(friction, name, sides=(first, second), **how), refinement
+    )
 
 
 def touch(
@@ -178,13 +182,15 @@ def touch(
 
 
 def mortar(first: Side, second: Side, friction, name: str, **how) -> Interface:
-    return mortars.mortar(first, second, asked(friction, name, **how))
+    return mortars.mortar(first, second, asked(friction, name, sides=(first, second), **how))
 
 
 def join(
     first: Side, second: Side, friction, name: str, refinement: int = 1, gap=None, **how
 ) -> Interface:
-    return mortars.connect(first, second, asked(friction, name, gap, **how), refinement)
+    return mortars.connect(
+        first, second, asked(friction, name, gap, sides=(first, second), **how), refinement
+    )
 
 
 def uncovered_profile(contact: Interface, friction, gap=None) -> list[str]:
