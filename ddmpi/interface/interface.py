@@ -396,10 +396,6 @@ class Interface:
         )
         return directions if self.law.live.all() else directions * self.law.live[:, None]
 
-    def side(self, body: str) -> int:
-        """0 where `body` is the first body, 1 where it is the second."""
-        return self.bodies.index(body)
-
     @property
     def alone(self) -> bool:
         """Whether one body alone moves its rows: the partner is rigid, or both sides are of this body."""

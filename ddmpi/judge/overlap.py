@@ -17,7 +17,7 @@ from ddmpi.interface.state import ContactTotals
 from ddmpi.mesh.elements import cell_with, normals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.contacts import Rigid
-from ddmpi.surface.near import distance_to, in_cells, most_inside
+from ddmpi.surface.near import distance_to, most_inside
 from ddmpi.surface.seams import Skin
 from ddmpi.system.agreement import gathered
 from ddmpi.system.doubts import Doubt
@@ -87,10 +87,10 @@ class Solid:
 
     @cached_property
     def within(self) -> np.ndarray:
-        """(f,) how deep the middles of facets lie in cells over other facets, as drawn; see `in_cells`."""
+        """(f,) how deep the middles of facets lie in cells over other facets, as drawn; see `most_inside`."""
         corners = self.facets[:, :-1]
         middles = self.at[corners].mean(axis=1)
-        return in_cells(middles, self.at[self.facets.T], (corners, self.facets))
+        return most_inside(middles, self.at[self.facets.T], (corners, self.facets))[0]
 
     def placed(self, fraction: float) -> np.ndarray:
         """Its nodes (n, d) after a `fraction` of their displacements (m)."""
@@ -384,7 +384,7 @@ def deepest_in(
 
     def inside(some: np.ndarray, cells: np.ndarray) -> np.ndarray:
         """Which points, of some (k,) bool, lie in cells, up to rounding where two of these meet."""
-        return np.flatnonzero(some)[in_cells(points[some], at[cells.T]) > -1e-12]
+        return np.flatnonzero(some)[most_inside(points[some], at[cells.T])[0] > -1e-12]
 
     # What is closed lies in cells at the contact, up to small errors: most contacts need no distances.
     at_contact = np.zeros(len(at), bool)

@@ -183,7 +183,7 @@ class PublishedIteration(Outer):
         self._laws, self._lead, self._owned = space.laws, lead, slice(assembly.space.size)
         self.subproblems = []
         for member in members:
-            role = 1 if self.interface.side(member.name) == lead else 2
+            role = 1 if self.interface.bodies[lead] == member.name else 2
             ways = self.algorithm, method.splitting or "none"
             self.subproblems.append(Subproblem(member, self.interface, role, *ways))
         self.inner_steps = self.subproblems[0].steps

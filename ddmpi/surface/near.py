@@ -52,13 +52,6 @@ def contained(
     return point[inside], box[inside]
 
 
-def in_cells(
-    points: np.ndarray, corners: np.ndarray, own: tuple[np.ndarray, np.ndarray] | None = None
-) -> np.ndarray:
-    """The least barycentric coordinate (k,) of points in the cell of which each is most inside, see `most_inside`."""
-    return most_inside(points, corners, own)[0]
-
-
 def most_inside(
     points: np.ndarray, corners: np.ndarray, own: tuple[np.ndarray, np.ndarray] | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
