@@ -165,14 +165,9 @@ def face_rigid(
         ),
     )
     if not side.cell.bears:
-        over, looked = (
-            _over_rigid(side, rigid, np.flatnonzero(towards), *rule)
-            for cell in [CELLS[2, side.cell.order]]
-            for rule in (
-                cell.rule if side.cell.simplex else cell.fine,
-                (cell.nodes, np.zeros(len(cell.nodes))),
-            )
-        )
+        cell, some = CELLS[2, side.cell.order], np.flatnonzero(towards)
+        over = _over_rigid(side, rigid, some, *(cell.rule if side.cell.simplex else cell.fine))
+        looked = _over_rigid(side, rigid, some, cell.nodes, np.zeros(len(cell.nodes)))
         rows = rows_at_vertices(both, 0, over, looked, contact)
     else:
         normal, lengths = -outward[facing], side.lengths_over(towards)[facing]
