@@ -84,10 +84,7 @@ def draw_bodies(results: Results, folder: Path | None = None) -> Any:
     if results.output.get("mirrored"):
         facets, at, still, values, beyond = _both_halves(facets, at, still, values, beyond)
         rigid += [replace(surface, at=surface.at[::-1] * (-1.0, 1.0)) for surface in rigid]
-    if results.output.get("sectors"):
-        facets, at, still, values, beyond = _all_sectors(
-            results.scene, facets, at, still, values, beyond
-        )
+    facets, at, still, values, beyond = _all_sectors(results, facets, at, still, values, beyond)
     factor, unit = scaled_unit(seen.max(), unit)
     image = colours_of(0.0, top / factor or 1.0, "viridis")
     sheet = Sheet(results, np.vstack([still[beyond <= 0.0], at[beyond <= 0.0]]), rigid)
@@ -160,10 +157,10 @@ def _both_halves(
 
 
 def _all_sectors(
-    scene: dict, facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray
+    results: Results, facets: np.ndarray, at: np.ndarray, still: np.ndarray, *values: np.ndarray
 ) -> list[np.ndarray]:
-    """Triangles (f, 3), places (nv, d) and values (nv,) of a sector with those of all others of its wheel."""
-    frames = sectors_of(scene, at.shape[1])
+    """Triangles (f, 3), places (nv, d) and values (nv,) of all sectors that are shown."""
+    frames = sectors_of(results)
     return [
         np.vstack([facets + k * len(at) for k in range(len(frames))]),
         *(np.vstack([each.at(array) for each in frames]) for array in (at, still)),
@@ -171,13 +168,16 @@ def _all_sectors(
     ]
 
 
-def sectors_of(scene: dict, d: int) -> list[Frame]:
-    """Where the sectors of a scene's wheel are; the first is the one that was computed."""
-    asked = next(one["image"] for one in scene["contact"] if one["image"] and one["image"]["turn"])
-    image = msgspec.convert(asked, Image)
+def sectors_of(results: Results) -> list[Frame]:
+    """Where the parts that are shown are: what was computed, and if `output.sectors` asks for them the other sectors of
+    its wheel."""
+    d = results.dimension
     frames = [Frame.of(np.zeros(d))]
-    for _ in range((image.sectors or 1) - 1):
-        frames.append(image.frame(1.0, d).after(frames[-1]))
+    if results.output.get("sectors"):
+        images = (contact["image"] for contact in results.scene["contact"])
+        image = msgspec.convert(next(one for one in images if one and one["turn"]), Image)
+        for _ in range((image.sectors or 1) - 1):
+            frames.append(image.frame(1.0, d).after(frames[-1]))
     return frames
 
 

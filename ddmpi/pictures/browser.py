@@ -136,17 +136,13 @@ class Scenery:
         d, output = results.dimension, results.output
         asked = {"view": output["view"]} if d > 2 and output.get("view") else {}
         self._scale, shift = magnify(results)
-        self._sectors = sectors_of(results.scene, d) if output.get("sectors") else []
-        if self._sectors:
-            shift = np.vstack([shift @ frame.turned.T for frame in self._sectors])
-            results = replace(
-                results,
-                fields=_whole(self._sectors, results.fields),
-                surfaces={
-                    name: _whole(self._sectors, surface)
-                    for name, surface in results.surfaces.items()
-                },
-            )
+        self._sectors = sectors_of(results)
+        shift = np.vstack([shift @ frame.turned.T for frame in self._sectors])
+        results = replace(
+            results,
+            fields=_whole(self._sectors, results.fields),
+            surfaces=self._whole_surfaces(results.surfaces),
+        )
         self._results, self._view = results, View(results.points, asked)
         skin, self._owner = (
             Skin(self._view, results.points, results.fields["cells"]),
@@ -182,12 +178,14 @@ class Scenery:
             self.arrays.put(f"{name}{step}", painted[name])
         return painted
 
+    def _whole_surfaces(self, surfaces: dict[str, Columns]) -> dict[str, Columns]:
+        """What contacts cover in all sectors."""
+        return {name: _whole(self._sectors, each) for name, each in surfaces.items()}
+
     def put(self, k: int, time: float, fields: Columns, surfaces: dict[str, Columns]) -> None:
         """Put the k-th load step."""
         results, nodes = self._results, self.nodes
-        if self._sectors:
-            fields = _whole(self._sectors, fields)
-            surfaces = {name: _whole(self._sectors, each) for name, each in surfaces.items()}
+        fields, surfaces = _whole(self._sectors, fields), self._whole_surfaces(surfaces)
         u = in_space(fields["displacement"][:, : results.dimension]) + self._s
         if results.frames:  # contacts then have other surfaces in each step
             at = (fields["points"] - self._s)[nodes]
