@@ -47,25 +47,14 @@ def _run(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None
         from ddmpi.run.run import run
 
     interrupt.listen()
+    figures = scene.output.figures and not options.no_figures
+    given = world, scene, options.scene, options.output, figures
     if options.command == "check":
         from ddmpi.check.check import check
 
-        check(
-            world,
-            scene,
-            options.scene,
-            options.output,
-            scene.output.figures and not options.no_figures,
-        )
+        check(*given)
     else:
-        run(
-            world,
-            scene,
-            options.scene,
-            options.output,
-            figures=scene.output.figures and not options.no_figures,
-            restart=getattr(options, "restart", None),
-        )
+        run(*given, getattr(options, "restart", None))
 
 
 def _check(world: MPI.Comm, options: argparse.Namespace, petsc: list[str]) -> None:
