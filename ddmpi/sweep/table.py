@@ -191,39 +191,24 @@ def gather(folder: Path, cases: list[Case]) -> Path:
     outcomes = [read_outcome(folder / case.folder) for case in cases]
     results = [numbers(outcome.summary or {}) for outcome in outcomes]
     names = dict.fromkeys([*RESULTS, *(name for result in results for name in result)])
+    rows = [
+        {
+            "case": case.number,
+            **case.values,
+            "status": outcome.status,
+            "exit": outcome.exit,
+            "reason": outcome.reason,
+            **{name: result.get(name) for name in names},  # what is missing is an empty field
+            "started": (outcome.summary or {}).get("started"),
+            "folder": case.folder,
+            "warnings": " | ".join(outcome.warnings),
+        }
+        for case, outcome, result in zip(cases, outcomes, results, strict=True)
+    ]
     text = io.StringIO()
-    writer = csv.DictWriter(
-        text,
-        [
-            "case",
-            *cases[0].settings,
-            "status",
-            "exit",
-            "reason",
-            *names,
-            "started",
-            "folder",
-            "warnings",
-        ],
-        lineterminator="\n",
-    )
+    writer = csv.DictWriter(text, rows[0], lineterminator="\n")
     writer.writeheader()
-    for case, outcome, result in zip(
-        cases, outcomes, results, strict=True
-    ):  # what is missing is an empty field
-        writer.writerow(
-            {
-                "case": case.number,
-                **case.values,
-                "status": outcome.status,
-                "exit": outcome.exit,
-                "reason": outcome.reason,
-                **result,
-                "started": (outcome.summary or {}).get("started"),
-                "folder": case.folder,
-                "warnings": " | ".join(outcome.warnings),
-            }
-        )
+    writer.writerows(rows)
     write_atomically(folder / TABLE, text.getvalue().encode())
     return folder / TABLE
 
