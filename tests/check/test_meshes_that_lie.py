@@ -98,6 +98,7 @@ def test_a_loose_piece_is_told_with_the_seam(tmp_path):
     scene["body"][0]["clamp"] = [{"on": "bottom", "x": 0.0, "y": 0.0}]
     said = call("check", str(write_scene(scene, tmp_path / "scene.toml")), "--no-figures")
     assert said.code == 2 and "it has 2 that are not connected" in said.stderr
+    assert "own boundary groups (top)" in said.stderr
     assert "9 nodes lie in one place with another and not merged" in said.stderr
     scene["body"][0]["clamp"].append({"on": "top", "x": 0.0, "y": 0.0})
     del scene["contact"], scene["rigid"]

@@ -8,7 +8,7 @@ import pytest
 import scenes
 from mpi4py import MPI
 
-from ddmpi.coupling.joint import STEERING, Joint
+from ddmpi.coupling.joint import STEERING, Joint, Stays
 
 
 class AllSeeAll:
@@ -111,3 +111,15 @@ def test_the_load_of_loose_bodies_is_the_present_one():
     for factor, way in ((1.0, 1.0), (0.25, -0.5), (1e-9, 0.0)):
         operator.act({None: factor, "way": way})
         assert operator.load == pytest.approx(factor * 6e5 + abs(way) * 16e5)
+
+
+@pytest.mark.parametrize("size", [1e-6, 1.0, 1e7])
+def test_a_held_motion_is_driven_by_more_than_its_share_of_a_load(size):
+    """Whatever the size of the load, and by none where nothing is held."""
+    stays, along, across = Stays(3), np.array([0.6, 0.8, 0.0]), np.array([0.0, 0.0, 1.0])
+    stays.share = 0.1
+    assert not stays.drives(size * along)
+    stays.hold(along[:, None], np.zeros(3))
+    for share, driven in ((0.099, False), (0.101, True)):
+        load = size * (share * along + np.sqrt(1.0 - share**2) * across)
+        assert stays.drives(load) == stays.drives(-load) == driven

@@ -514,6 +514,19 @@ def test_large_displacements_and_far_slips_are_warnings():
     assert doubts(pinched_blocks(6)) == []
 
 
+@pytest.mark.parametrize(("ways", "far"), [((0.15, -0.05), True), ((0.15, 0.15), False)])
+def test_bodies_that_are_carried_along_do_not_slide(ways, far):
+    """What counts is how far one moves past the other, here by 1.6 cells, or not at all; a node is 8/9 of a cell wide."""
+    scene = pair_of(
+        block("upper", 0.0, 1.0, (1.0, 1.0), [{"on": "top", "x": ways[0], "y": -1e-5}]),
+        block("lower", 0.0, 0.0, (1.0, 1.0), [{"on": "bottom", "x": ways[1], "y": 0.0}]),
+        {"law": "none"},
+    )
+    slid = doubts(scene, "node pairs slid")
+    assert len(slid) == far
+    assert all("up to 1.8 times the distance" in each for each in slid)
+
+
 # Meshes of files
 
 

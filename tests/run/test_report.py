@@ -2,10 +2,11 @@
 
 import re
 
+import pytest
 import scenes
 from mpi4py import MPI
 
-from ddmpi.run.report import _between_nodes, describe_files, grouped, some
+from ddmpi.run.report import LISTED, _between_nodes, _bodies, describe_files, grouped, some
 from ddmpi.run.run import run
 from ddmpi.scene.reader import read_scene
 
@@ -133,3 +134,24 @@ def test_steps_whose_forces_agree_though_slip_is_coarse_are_said_to_dissipate_to
     assert re.search(
         r"agree to \S+e-\d+, but friction dissipates more than contacts take\n", run.stdout
     ), run.stdout
+
+
+@pytest.mark.parametrize("stress", [True, False])
+def test_of_many_bodies_the_largest_values_are_told(stress):
+    """Of stresses where there are some, and of supported bodies their reactions."""
+    names = [f"part{k}" for k in range(LISTED + 1)]
+    bodies = {
+        name: {
+            "displacement_max": 1e-3 * (1 + k),
+            "displacement_max_at": [float(k), 0.0],
+            "von_mises_max": 1e3 * (20 - k) if stress else None,
+            "von_mises_max_at": [0.0, float(k)] if stress else None,
+        }
+        for k, name in enumerate(names)
+    }
+    scene = {"body": [{"name": name, "clamp": [], "foundation": []} for name in names]}
+    units = {"length": "m", "stress": "Pa", "force": "N"}
+    (line,) = _bodies({"bodies": bodies, "scene": scene, "units": units})
+    assert line.startswith("13 bodies: ")
+    assert "0.013 m" in line and "part12" in line
+    assert ("2e+04 Pa" in line and "part0" in line) == ("Pa" in line) == stress

@@ -5477,6 +5477,48 @@ MUTANTS = [
             "INFLATED = 10 ** 15",
             "cli/test_strangers.py::test_a_small_file_stands_for_no_large_array",
         ),
+        (
+            "a share of a load grows with the load",
+            "coupling/joint",
+            "self.share * norm(loads)",
+            "self.share / norm(loads)",
+            "coupling/test_joint.py::test_a_held_motion_is_driven_by_more_than_its_share_of_a_load",
+        ),
+        (
+            "bodies that are carried along slide",
+            "judge/plausible",
+            "first[0] - other - carried",
+            "first[0] + other - carried",
+            "judge/test_plausible.py::test_bodies_that_are_carried_along_do_not_slide",
+        ),
+        (
+            "a loose piece has no groups",
+            "body/rigid_motions",
+            "({', '.join(groups)})\" if groups else ''",
+            "({', '.join(groups)})\" if not groups else ''",
+            "check/test_meshes_that_lie.py::test_a_loose_piece_is_told_with_the_seam",
+        ),
+        (
+            "bodies without stresses have a largest one",
+            "run/report",
+            "largest(bodies, 'von_mises_max')[0] is not None",
+            "largest(bodies, 'von_mises_max')[1] is not None",
+            "run/test_report.py::test_of_many_bodies_the_largest_values_are_told",
+        ),
+        (
+            "the first node of a part carries nothing",
+            "decks/pieces",
+            "nodes[(nodes >= 0) & left[nodes]]",
+            "nodes[(nodes > 0) & left[nodes]]",
+            "decks/test_pieces.py::test_facets_carry_the_forces_at_all_loaded_nodes_once",
+        ),
+        (
+            "a limit is guessed from utilisation the wrong way",
+            "sweep/limit",
+            "factor / most if most else math.nan",
+            "factor * most if most else math.nan",
+            "products/test_products.py::test_the_limit_of_a_load_in_a_kind_of_scene[axis-2-steps]",
+        ),
     )
 ]
 
