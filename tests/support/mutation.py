@@ -1,16 +1,17 @@
 """A mutation study: important lines are made wrong, one at a time, and a test must fail each time.
 
     scripts/study mutation [--only WORD]
-    scripts/study mutation --draw NUMBER --seed SEED
+    scripts/study mutation --draw NUMBER --seed SEED [--seconds SECONDS] [--at-once LINES]
 
 Works in a copy of the checkout. First the tests must pass without a mutant. Prints a table. Exit code 1 if a mutant
 survives, 2 if the study itself is wrong: a text that is not there exactly once, a test that fails by itself, a mutant
 that cannot be imported.
 
 With --draw the wrong lines are drawn by lot (`drawn.py`), the first of those of this seed, and the quick tests that
-reach the line are run, those of the cheapest files first, until one fails. Which tests reach which lines is measured
-once for all seeds in one run of the quick tests (`reached.py`), and kept in the folder of temporary files as long as
-neither the program nor its tests change.
+reach the line are run, those of the cheapest files first, until one fails; with --at-once 2 those of two lines on two
+cores. Which tests reach which lines is measured once for all seeds in one run of the quick tests (`reached.py`), and
+kept in the folder of temporary files as long as neither the program nor its tests change. Counted are lines that change
+an answer: all but those that mutants.py has as equivalent.
 """
 
 import argparse
@@ -29,7 +30,9 @@ import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from queue import SimpleQueue
 
 from drawn import Drawn, draw
 from mutants import EQUIVALENT, MUTANTS, Mutant
@@ -92,11 +95,11 @@ class Checkout:
             cwd=self.folder,
             env=self._environment | variables,
             start_new_session=True,
-            preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY)),
             text=True,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
         ) as child:
+            resource.prlimit(child.pid, resource.RLIMIT_AS, (MEMORY, MEMORY))
             try:
                 output, _ = child.communicate(timeout=limit)
             except subprocess.TimeoutExpired:
@@ -163,11 +166,11 @@ class Quick:
     tests : by name (below tests/) its seconds and by file of ddmpi/ the numbers of the lines that it reaches
     """
 
-    def __init__(self, checkout: Checkout) -> None:
+    def __init__(self, checkout: Checkout, at_once: int) -> None:
         path = Path(tempfile.gettempdir(), f"ddmpi-reached-{self.digest()}.json")
         if not path.exists():
             print("measuring which lines the quick tests reach", file=sys.stderr)
-            path.write_text(json.dumps(self.measured(checkout)), encoding="utf-8")
+            path.write_text(json.dumps(self.measured(checkout, at_once)), encoding="utf-8")
         self.tests = json.loads(path.read_text(encoding="utf-8"))
 
     @staticmethod
@@ -179,12 +182,12 @@ class Quick:
         return found.hexdigest()[:16]
 
     @staticmethod
-    def measured(checkout: Checkout) -> dict[str, dict]:
+    def measured(checkout: Checkout, at_once: int) -> dict[str, dict]:
         """All quick tests that pass in this checkout; of ranks and processes the longest, and what any reaches."""
         with tempfile.TemporaryDirectory() as folder:
             checkout.test(
                 [""],
-                more=["-m", "not slow", "-q"],
+                more=["-m", "not slow", "-q", *["-n", str(at_once)] * (at_once > 1)],
                 limit=LIMIT * 100,
                 DDMPI_REACHED=folder,
                 PYTEST_PLUGINS="reached",
@@ -245,35 +248,51 @@ def known(mutant: Drawn, of: list[Mutant]) -> Mutant | None:
     return None
 
 
-def drawn_by_lot(number: int, seed: int, most: float) -> int:
-    """Prints a row for each drawn line, with the test that catches it or how many do not; the number of survivors."""
-    survivors = 0
+def tried(checkout: Checkout, quick: Quick, mutant: Drawn, most: float) -> tuple[bool | None, str]:
+    """Whether a test catches a drawn line, None where it changes no answer, and by which, or how many do not."""
+    if one := known(mutant, EQUIVALENT):
+        return None, f"the same answers: {one.tests}"
+    start, tests = time.monotonic(), quick.of(mutant, most)
+    limit = LIMIT + 5 * sum(quick.tests[name]["seconds"] for name in tests)
+    code, output = checkout.try_mutant(mutant, tests, limit) if tests else (0, "")
+    if code == 0:
+        return False, f"SURVIVED of {len(tests)} tests"
+    failed = re.findall(r"^(?:FAILED|ERROR) (?:tests/)?(\S+)", output, re.M)
+    by = failed[0] if failed else f"pytest ended with {code}"
+    return True, f"{time.monotonic() - start:.0f}: {by}"
+
+
+def drawn_by_lot(number: int, seed: int, most: float, at_once: int) -> int:
+    """Prints a row for each drawn line, and how many are caught of those that change an answer; the number of others."""
     print("| in `ddmpi/` | line | becomes | caught in s |", "|---|---|---|---|", sep="\n")
-    with tempfile.TemporaryDirectory() as folder:
-        checkout = Checkout(Path(folder))
-        checkout.normalize()
-        quick = Quick(checkout)
-        for mutant in draw(ROOT / "ddmpi", number, seed):
-            start, tests = time.monotonic(), quick.of(mutant, most)
-            if one := known(mutant, EQUIVALENT):
-                end = f"the same answers: {one.tests}"
-            else:
-                seconds = sum(quick.tests[name]["seconds"] for name in tests)
-                code, output = (
-                    checkout.try_mutant(mutant, tests, LIMIT + 5 * seconds) if tests else (0, "")
-                )
-                survivors += code == 0
-                failed = re.findall(r"^(?:FAILED|ERROR) (?:tests/)?(\S+)", output, re.M)
-                by = failed[0] if failed else f"pytest ended with {code}"
-                end = f"{time.monotonic() - start:.0f}: {by}" if code != 0 else "SURVIVED"
-                end += f" of {len(tests)} tests" * (code == 0)
+    drawn, found, idle = draw(ROOT / "ddmpi", number, seed), list[bool | None](), SimpleQueue()
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(at_once) as pool:
+        for k in range(at_once):
+            checkout = Checkout(Path(folder, str(k)))
+            checkout.normalize()
+            idle.put(checkout)
+        quick = Quick(checkout, at_once)
+
+        def one(mutant: Drawn) -> tuple[bool | None, str]:
+            checkout = idle.get()
+            try:
+                return tried(checkout, quick, mutant, most)
+            finally:
+                idle.put(checkout)
+
+        for mutant, (caught, end) in zip(drawn, pool.map(one, drawn), strict=True):
+            found.append(caught)
             cells = [
                 f"{mutant.file}.py:{mutant.line}",
                 f"`{mutant.text}`",
                 f"`{mutant.replacement}`",
             ]
             print("|", " | ".join([*cells, end]), "|", flush=True)
-    print(f"\n{number - survivors} of {number} wrong lines by the seed {seed} are caught.")
+    same, survivors = found.count(None), found.count(False)
+    print(
+        f"\n{number - same - survivors} of {number - same} wrong lines by the seed {seed} that change an answer are "
+        f"caught by quick tests; {same} change none."
+    )
     return survivors
 
 
@@ -290,9 +309,13 @@ def main() -> int:
         default=float("inf"),
         help="of quick tests for each drawn line; left out, all",
     )
+    parser.add_argument(
+        "--at-once", type=int, default=1, metavar="LINES", help="drawn lines that are tried at once"
+    )
     options = parser.parse_args()
     if options.draw:
-        return int(drawn_by_lot(options.draw, options.seed, options.seconds) > 0)
+        survivors = drawn_by_lot(options.draw, options.seed, options.seconds, options.at_once)
+        return int(survivors > 0)
     return listed(options.only)
 
 
