@@ -213,25 +213,28 @@ class Quick:
     def of(self, mutant: Drawn, most: float) -> list[str]:
         """Those that reach a line, or where these are few its file, as many as take `most` seconds.
 
-        A few of each file come first, those of the file whose tests take least before others, then the rest of all
-        files, and last tests on several ranks.
+        A few of each file come first, those of the line's own room and of the file whose tests take least before others,
+        then the rest of the room, of all files, and last tests of other rooms on several ranks.
         """
         reaching = {
             name: mutant.line in test["lines"][mutant.file]
             for name, test in self.tests.items()
             if mutant.file in test["lines"]
         }
+        if not reaching:  # what modules make as they are imported
+            reaching = dict.fromkeys(self.tests, False)
         if sum(reaching.values()) >= LEAST:
             reaching = {name: True for name, reaches in reaching.items() if reaches}
         by_file: dict[str, list[str]] = defaultdict(list)
         for name in sorted(reaching, key=lambda name: self.tests[name]["seconds"]):
             by_file[name.partition("::")[0]].append(name)
 
-        def place(name: str) -> tuple[bool, int, float, str]:
+        def place(name: str) -> tuple[bool, int, bool, float, str]:
             file = name.partition("::")[0]
-            turn = 2 if re.search(r"\[\d\b", name) else int(name not in by_file[file][:FEW])
-            seconds = [self.tests[other]["seconds"] for other in by_file[file][:FEW]]
-            return not reaching[name], turn, sum(seconds) / len(seconds), file
+            few, away = by_file[file][:FEW], not file.startswith(mutant.file.partition("/")[0])
+            turn = 3 if away and re.search(r"\[\d\b", name) else (1 + away) * (name not in few)
+            seconds = [self.tests[other]["seconds"] for other in few]
+            return not reaching[name], turn, away, sum(seconds) / len(seconds), file
 
         ordered = sorted(reaching, key=place)
         spent = itertools.accumulate(self.tests[name]["seconds"] for name in ordered)
