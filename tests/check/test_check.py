@@ -21,7 +21,8 @@ from scenes import (
 from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
-from ddmpi.check.drawing import as_results, draw_contacts
+from ddmpi.check.drawing import as_results, draw, draw_contacts
+from ddmpi.check.faces import _smooth
 from ddmpi.check.nearby import NEAR, Missing
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError, InterruptionError, NotConvergedError
@@ -466,6 +467,27 @@ def test_the_picture_of_contacts_counts_those_that_are_missing(part, words, look
     assert [text.get_text() for legend in legends if legend for text in legend.get_texts()] == words
 
 
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_faces_are_numbered_of_drawings_that_are_no_copies(monkeypatch, tmp_path, dimension):
+    """A copy has the numbers of its original; those of solids are drawn from both sides."""
+    pytest.importorskip("matplotlib")
+    monkeypatch.setattr("ddmpi.check.drawing.as_results", lambda *given: None)
+    copies = {"shaft": None, "pin": "shaft", "plate": None}
+    bodies = {
+        name: SimpleNamespace(mesh=SimpleNamespace(faces={1: "a face"} if name != "plate" else {}))
+        for name in copies
+    }
+    scene = SimpleNamespace(
+        dimension=dimension,
+        contact=[],
+        body=[SimpleNamespace(name=name, copy=of) for name, of in copies.items()],
+    )
+    everything = 99  # the pictures from this one on, which are none
+    names = draw(tmp_path, scene, bodies, [], [], everything)
+    faces = ["faces_shaft.png", "faces_shaft_behind.png"]
+    assert [name for name in names if name.startswith("faces")] == faces[: dimension - 1]
+
+
 def test_pictures_of_a_check_have_all_bodies_where_they_are():
     """The cells of each body have its own points, and are as large as it is; nothing has moved."""
     settled = read_scene("scene.toml", to_toml(two_boxes(2, 1)))
@@ -477,3 +499,17 @@ def test_pictures_of_a_check_have_all_bodies_where_they_are():
         cells = fields["cells"][fields["body"] == k]
         drawn = fields["points"][cells]
         assert (drawn == body.mesh.points[body.mesh.triangles]).all()
+
+
+def test_sides_without_names_end_at_hollow_corners_too():
+    """The outline of an angle, two facets a side, which turns to either hand at its corners, has six sides."""
+    corners = np.array([[0, 0], [4, 0], [4, 1], [1, 1], [1, 3], [0, 3]], float)
+    points = np.stack([corners, (corners + np.roll(corners, -1, axis=0)) / 2], axis=1).reshape(
+        -1, 2
+    )
+    facets = np.column_stack([np.arange(12), np.roll(np.arange(12), -1)])
+    along = points[facets[:, 1]] - points[facets[:, 0]]
+    normal = np.column_stack([along[:, 1], -along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
+    boundary = SimpleNamespace(facets=facets, at=points[facets], normal=normal)
+    number = _smooth(boundary, np.ones(12, bool))
+    assert (number[::2] == number[1::2]).all() and len(set(number[::2])) == 6

@@ -751,3 +751,17 @@ def test_a_drift_is_named_by_how_far_nodes_move(monkeypatch):
     assert "plate would move along -x" in equilibrium.describe_drift(
         assembly, np.array([-1.0, 0.0, 0.01])
     )
+
+
+def test_nodes_without_friction_bear_none_of_a_push():
+    """Of five nodes along a line two have no slip bound: pushes are borne up to the sum of the others."""
+
+    def found_under(push: float):
+        scene = pushed(push, "tresca", 0.5)
+        (contact,) = scene.contacts
+        shares = np.array([0.0, 1.0, 3.0, 1.0, 0.0]) * contact.law.bound
+        scene.contacts[:] = [replace(contact, law=replace(contact.law, bound=shares))]
+        return found(scene)
+
+    assert found_under(0.49) is None
+    assert found_under(0.51) is not None

@@ -196,6 +196,7 @@ def in_units(scene: dict, kind: Kind, L: float, S: float) -> dict:
             scale(springs, normal=S / L, tangential=S / L)
     for rigid in scene.get("rigid", []):
         scale(rigid, point=L, center=L, pivot=L, displacement=L, radius=L, force=F, moment=F * L)
+        scale(rigid.get("motion", {}), force=F)
     for contact in scene.get("contact", []):
         scale(contact, gap=L)
         if isinstance(contact.get("softness"), dict):
@@ -323,6 +324,7 @@ def turn(scene: dict, kind: Kind, R: np.ndarray) -> dict | None:
     for rigid in scene.get("rigid", []):
         vectors = ("point", "center", "pivot", "axis", "normal", "displacement", "force", "moment")
         rotate(rigid, *vectors)
+        good &= "motion" not in rigid  # axes that are free do not turn
     for contact in scene.get("contact", []):
         rotate(contact.get("pretension", {}), "along")
         rotate(contact.get("image", {}), "shift")

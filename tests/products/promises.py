@@ -922,6 +922,18 @@ def far_motion(kind: Kind) -> Case:
     return Case(scene, told=found)
 
 
+@feature
+def floor_that_a_force_moves_far(kind: Kind) -> Case:
+    """The pushed floor, whose motion is free as of bodies that move far."""
+    case = pushed_floor(kind)
+    (floor,) = case.scene["rigid"]
+    pushed = {key: floor.pop(key) for key in ("force", "history") if key in floor}
+    floor["motion"] = pushed | {"free": ["xyz"[kind.d - 1]]}
+    time = case.scene.get("time", {"points": [1.0], "steps": 1})
+    case.scene["time"] = time | {"motions": "far"}
+    return case
+
+
 def on_round(kind: Kind, shape: str, only: int) -> Case:
     """A block that is pressed on a round partner: the height of the force is the load, wherever they touch."""
     at, radius = kind.middle(kind.low[-1]), 1.9

@@ -229,6 +229,12 @@ def test_coarse_elements_let_hold_what_is_resisted_far_less_than_the_rest():
         assert vectors.shape == (3, 0) and not level
 
 
+def test_a_motion_past_nothing_is_held_whatever_its_rounding():
+    """Squares far below those of a motion are none, neither of what resists it nor of how far it moves."""
+    vectors, _ = unresisted(np.diag([1.0, 1e-26]), np.diag([1.0, 1e-29]))
+    assert np.abs(vectors.T) == pytest.approx(np.array([[0.0, 1.0]]))
+
+
 def test_what_coarse_elements_let_hold_is_told():
     """Once a body, with its motions, and what may also be the reason."""
     ways = [f"ball can turn about the axis along {axis} without any force" for axis in "xy"]

@@ -424,7 +424,7 @@ MUTANTS = [
             "judge/motions",
             "np.where(sizes > NONE, sizes, 1.0)",
             "np.where(sizes > 0.0, sizes, 1.0)",
-            "scenes/test_sectors.py::test_shifts_of_a_cell_in_space_are_held",
+            f"{HELD}::test_a_motion_past_nothing_is_held_whatever_its_rounding",
         ),
         (
             "a sector turns about its own axis",
@@ -1778,9 +1778,9 @@ MUTANTS = [
         (
             "clamped neighbours forgotten",
             "surface/side",
-            "axis=1), axisymmetric)\n",
-            "axis=1), axisymmetric)\n    facets = np.where("
-            "(row[facets] < 0).any(axis=1)[:, None], facets[:, :1], facets)\n",
+            "    one, other = np.broadcast_arrays(",
+            "    facets = np.where((row[facets] < 0).any(axis=1)[:, None], facets[:, :1], facets)\n"
+            "    one, other = np.broadcast_arrays(",
             f"{SIDES}::test_clamped_nodes_drop_out",
         ),
         (
@@ -5518,6 +5518,41 @@ MUTANTS = [
             "factor / most if most else math.nan",
             "factor * most if most else math.nan",
             "products/test_products.py::test_the_limit_of_a_load_in_a_kind_of_scene[axis-2-steps]",
+        ),
+        (
+            "faces of copies are numbered instead of originals",
+            "check/drawing",
+            "for body in scene.body if body.copy}",
+            "for body in scene.body if not body.copy}",
+            "check/test_check.py::test_faces_are_numbered_of_drawings_that_are_no_copies",
+        ),
+        (
+            "hollow corners join sides",
+            "check/faces",
+            "np.abs(bends.turn) < SHARPEST",
+            "bends.turn < SHARPEST",
+            "check/test_check.py::test_sides_without_names_end_at_hollow_corners_too",
+        ),
+        (
+            "halved steps are counted down",
+            "run/steps",
+            "self._cuts += 1",
+            "self._cuts -= 1",
+            "scenes/test_load_steps.py::test_a_step_that_fails_is_halved_so_many_times",
+        ),
+        (
+            "nodes without a slip bound have one in discs",
+            "judge/equilibrium",
+            "np.bincount(disc.ravel(), bound[bound > 0.0], len(given))",
+            "np.bincount(disc.ravel(), bound[bound >= 0.0], len(given))",
+            "judge/test_equilibrium.py::test_nodes_without_friction_bear_none_of_a_push",
+        ),
+        (
+            "free partners of far scenes face nothing",
+            "coupling/far",
+            "for xy in facing if rigid.name in xy]",
+            "for xy in facing if not rigid.name in xy]",
+            "products/test_products.py::test_a_feature_in_a_kind_of_scene[floor that a force moves far-axis-1-steps]",
         ),
     )
 ]
