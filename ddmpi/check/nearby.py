@@ -43,7 +43,7 @@ class Boundary:
     @classmethod
     def of(cls, mesh: Mesh) -> Self:
         """The boundary of a mesh. Not collective."""
-        d, facets = mesh.dimension, mesh.boundary[0]
+        facets = mesh.boundary[0]
         d = mesh.cell.facet.corners
         at = mesh.points[facets[:, :d]]
         keys = [np.sort(part[:, :d], axis=1) for part in (facets, *mesh.groups.values())]
@@ -58,10 +58,8 @@ class Boundary:
         }
         smooth = set()
         if mesh.faces:
-            bends, face = (
-                creases(mesh.points, facets[:, :d], normal),
-                np.full(len(facets), "", dtype=object),
-            )
+            bends = creases(mesh.points, facets[:, :d], normal)
+            face = np.full(len(facets), "", dtype=object)
             for name in mesh.faces:
                 face[groups[name]] = name
             for a, b in face[bends.facets[np.abs(bends.turn) < SHARPEST]]:
@@ -76,10 +74,10 @@ class Boundary:
     @property
     def cut(self) -> Self:
         """The boundary with quadrilaterals cut into triangles."""
-        (_, corners, d), flat = self.at.shape, self.at.shape[2] - 1
+        _, corners, d = self.at.shape
         if corners == d:
             return self
-        parts = cell_with(corners, flat).parts
+        parts = cell_with(corners, d - 1).parts
         return replace(
             self,
             facets=self.facets[:, parts].reshape(-1, d),
@@ -144,7 +142,8 @@ class Missing(NamedTuple):
 
 def free_name(first: str, taken: set[str]) -> str:
     """A name that is not among those `taken`, which gets it: the first one, or else with a number."""
-    k, name = 1, first
+    k = 1
+    name = first
     while name in taken:
         k += 1
         name = f"{first}-{k}"
@@ -172,7 +171,8 @@ class _Nearest:
         self.middle = np.concatenate([body.at.mean(axis=1) for body in bodies])
         self.normal = np.concatenate([body.normal for body in bodies])
         self.size = np.concatenate([body.size for body in bodies])
-        self.least, self.gap = np.full(len(self.owner), np.inf), np.zeros(len(self.owner))
+        self.least = np.full(len(self.owner), np.inf)
+        self.gap = np.zeros(len(self.owner))
         self.partner, self.facing = np.full((2, len(self.owner)), -1)
 
     def _note(
@@ -185,7 +185,8 @@ class _Nearest:
         there: np.ndarray | int = 0,
     ) -> None:
         """Note that facets `there` of the k-th, with normals `against`, lie `away` (j, d) from some facets (j,)."""
-        normal, distance = self.normal[some], np.linalg.norm(away, axis=1)
+        normal = self.normal[some]
+        distance = np.linalg.norm(away, axis=1)
         ahead = np.einsum("kd,kd->k", away, normal)
         aside = np.linalg.norm(away - ahead[:, None] * normal, axis=1)
         near = (distance <= NEAR * reach) & (distance < self.least[some] - SAME * reach)
@@ -195,36 +196,45 @@ class _Nearest:
         for values, new in found:
             values[some[near]] = np.broadcast_to(new, len(some))[near]
 
-    def look_at(self, k: int) -> None:
-        """Look for places on the k-th body."""
-        body, others = self.bodies[k], np.flatnonzero(self.owner != k)
+    def _near(self, k: int, some: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Pairs of `some` facets (j,), and facets of the k-th body that may be near their middles."""
+        body = self.bodies[k]
         wide = NEAR * body.size[:, None]
-        low, high = body.at.min(axis=1) - wide, body.at.max(axis=1) + wide
-        some, there = contained(self.middle[others], low, high)
-        some = others[some]
-        away = nearest_in(self.middle[some], body.at[there]) - self.middle[some]
+        low = body.at.min(axis=1) - wide
+        high = body.at.max(axis=1) + wide
+        number, there = contained(self.middle[some], low, high)
+        return some[number], there
+
+    def _note_nearest(self, k: int, some: np.ndarray, there: np.ndarray, away: np.ndarray) -> None:
+        """Note of each facet in `some` (j,) the nearest place, `away` (j, d), on facets `there` of the k-th body."""
         nearest = _first_of_each(some, np.linalg.norm(away, axis=1))
-        some, there, away = some[nearest], there[nearest], away[nearest]
+        some = some[nearest]
+        there = there[nearest]
+        body = self.bodies[k]
         reach = np.minimum(self.size[some], body.size[there])
-        self._note(some, k, away, body.normal[there], reach, there)
+        self._note(some, k, away[nearest], body.normal[there], reach, there)
+
+    def look_at(self, k: int) -> None:
+        """Look for places on the k-th body before facets of others."""
+        some, there = self._near(k, np.flatnonzero(self.owner != k))
+        away = nearest_in(self.middle[some], self.bodies[k].at[there]) - self.middle[some]
+        self._note_nearest(k, some, there, away)
 
     def look_at_itself(self, k: int) -> None:
         """Look for places before facets of the k-th body on facets of it that face these and share no corner."""
-        body, start = self.bodies[k], self.starts[k]
-        wide, middle = NEAR * body.size[:, None], body.at.mean(axis=1)
-        some, there = contained(middle, body.at.min(axis=1) - wide, body.at.max(axis=1) + wide)
-        facing = np.einsum("kd,kd->k", body.normal[some], body.normal[there]) < FACING
+        body = self.bodies[k]
+        some, there = self._near(k, np.flatnonzero(self.owner == k))
         corners = body.facets[:, : body.at.shape[1]]
-        facing &= ~(corners[some][:, :, None] == corners[there][:, None]).any(axis=(1, 2))
-        some, there = some[facing], there[facing]
-        away = nearest_in(middle[some], body.at[there]) - middle[some]
-        reach = np.minimum(body.size[some], body.size[there])
+        own = corners[some - self.starts[k]]
+        facing = np.einsum("kd,kd->k", self.normal[some], body.normal[there]) < FACING
+        facing &= ~(own[:, :, None] == corners[there][:, None]).any(axis=(1, 2))
+        some = some[facing]
+        there = there[facing]
+        away = nearest_in(self.middle[some], body.at[there]) - self.middle[some]
         # what lies behind is the other side of a thin body
-        ahead = np.einsum("kd,kd->k", away, body.normal[some]) >= -SAME * reach
-        nearest = _first_of_each(some, np.where(ahead, np.linalg.norm(away, axis=1), np.inf))
-        nearest = nearest[ahead[nearest]]
-        some, there = some[nearest], there[nearest]
-        self._note(start + some, k, away[nearest], body.normal[there], reach[nearest], there)
+        reach = np.minimum(self.size[some], body.size[there])
+        ahead = np.einsum("kd,kd->k", away, self.normal[some]) >= -SAME * reach
+        self._note_nearest(k, some[ahead], there[ahead], away[ahead])
 
     def look_at_rigid(self, k: int, surface: Rigid, some: np.ndarray | None = None) -> None:
         """Look for places on a rigid partner, the k-th of all, before some facets (j,), or all."""
@@ -238,14 +248,11 @@ class _Nearest:
         local = np.arange(len(self.owner)) - self.starts[self.owner]
         both = np.sort([self.owner, self.partner], axis=0)
         mine = self.owner < self.partner
-        first, second = np.where(mine, local, self.facing), np.where(mine, self.facing, local)
+        first = np.where(mine, local, self.facing)
+        second = np.where(mine, self.facing, local)
         for a, b in np.unique(both[:, self.partner >= 0].T, axis=0):
             some = (both == [[a], [b]]).all(axis=0)
             yield a, b, self.gap[some], first[some], second[some]
-
-
-def _in_triangles(boundaries: Mapping[str, Boundary]) -> dict[str, Boundary]:
-    return {name: body.cut for name, body in boundaries.items()}
 
 
 def _first_of_each(some: np.ndarray, distance: np.ndarray) -> np.ndarray:
@@ -259,8 +266,9 @@ def find_missing(
 ) -> Iterator[Missing]:
     """Groups of bodies, of one or two, and rigid partners, that face each other closer than NEAR, but not in a contact
     of both. Facets are compared with the nearest point to their middle. Not collective."""
-    boundaries = _in_triangles(boundaries)
-    bodies, names = list(boundaries.values()), [*boundaries, *(surface.name for surface in rigid)]
+    boundaries = {name: body.cut for name, body in boundaries.items()}
+    bodies = list(boundaries.values())
+    names = [*boundaries, *(surface.name for surface in rigid)]
     number = {name: k for k, name in enumerate(names)}
     nearest = _Nearest(bodies)
     for k in range(len(bodies)):
@@ -276,7 +284,8 @@ def find_missing(
     for k in range(len(bodies)):
         nearest.look_at_itself(k)
     for a, b, gap, first, second in nearest.pairs():
-        pair, both = (names[a], names[b]), (first, second)
+        pair = names[a], names[b]
+        both = first, second
         free = np.ones(len(gap), bool)
         for contact in contacts:
             for order in ((0, 1), (1, 0)):
