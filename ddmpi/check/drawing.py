@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -139,13 +139,6 @@ class Plan(Sheet):
             )
         return hidden
 
-    def point(self, at: np.ndarray, vectors: np.ndarray, outward: np.ndarray, colour: str) -> None:
-        """Draw vectors (k, d) that are not hidden as arrows: to places where they point inward, else from these."""
-        inward = np.einsum("kd,kd->k", vectors, outward) < 0.0
-        tail = at - np.where(inward, 1.0, 0.0)[:, None] * vectors
-        seen = self.shows(tail)
-        self.arrows(tail[seen], vectors[seen], colour, width=0.0025)
-
     def mark(self, at: np.ndarray, marker: str) -> None:
         """Draw markers at places (k, d) that are not hidden."""
         self.axes.plot(
@@ -271,19 +264,12 @@ def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = F
 
 def _point_loads(plan: Plan, looked: Sequence[Looked], unit: str) -> dict[str, str]:
     """Draw loads on groups as arrows; by their colour the words of the legend, with the largest, in a `unit`."""
-    arrows = [
-        stresses(body, on, f, plan.size / PLACES)
-        for body in looked
-        for on, f in body.loads
-        if on != VOLUME
-    ]
-    if not arrows:
+    arrows = load_arrows(looked, plan.size, unit)
+    if arrows is None:
         return {}
-    largest = max(np.linalg.norm(stress, axis=1).max() for _, stress, _ in arrows)
-    for at, stress, outward in arrows:
-        plan.point(at, ARROW * plan.size / (largest or 1.0) * stress, outward, COLOURS["force"])
-    factor, unit = scaled_unit(largest, unit)
-    return {COLOURS["force"]: f"loads, up to {rounded(largest / factor)} {unit}"}
+    seen = plan.shows(arrows.tail)
+    plan.arrows(arrows.tail[seen], arrows.along[seen], COLOURS["force"], width=0.0025)
+    return {COLOURS["force"]: arrows.words}
 
 
 def _point_weights(
@@ -454,3 +440,40 @@ def stresses(
         body.mesh.points[nodes], size, f[nodes], area[nodes], outward[nodes]
     )
     return at, force / np.where(around > 0.0, around, np.inf)[:, None], outward
+
+
+class Arrows(NamedTuple):
+    """Arrows of loads.
+
+    Attributes
+    ----------
+    words : what they are, with the largest
+    tail, along : (k, d) where they begin, and vectors from there (m)
+    owner : (k,) the numbers of their bodies
+    """
+
+    words: str
+    tail: np.ndarray
+    along: np.ndarray
+    owner: np.ndarray
+
+
+def load_arrows(looked: Sequence[Looked], extent: float, unit: str) -> Arrows | None:
+    """Arrows of the loads on groups, to places where they point inward, else from these, beside an `extent` of bodies
+    (m); None where there are no loads. The largest one is told in a `unit`."""
+    loads = [
+        (k, *stresses(body, on, f, extent / PLACES))
+        for k, body in enumerate(looked)
+        for on, f in body.loads
+        if on != VOLUME
+    ]
+    if not loads:
+        return None
+    at, stress, outward = (np.vstack([each[i] for each in loads]) for i in (1, 2, 3))
+    owner = np.concatenate([np.full(len(at), k) for k, at, *_ in loads])
+    largest = np.linalg.norm(stress, axis=1).max()
+    factor, unit = scaled_unit(largest, unit)
+    along = ARROW * extent / (largest or 1.0) * stress
+    inward = np.einsum("kd,kd->k", along, outward) < 0.0
+    tail = at - np.where(inward, 1.0, 0.0)[:, None] * along
+    return Arrows(f"loads, up to {rounded(largest / factor)} {unit}", tail, along, owner)

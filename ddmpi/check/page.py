@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.body.loads import VOLUME
-from ddmpi.check.drawing import ARROW, GROUPS, PLACES, Looked, as_results, stresses, thinned
+from ddmpi.check.drawing import ARROW, GROUPS, PLACES, Looked, as_results, load_arrows, thinned
 from ddmpi.check.faces import Piece, describe_face, face_of, pieces_of
 from ddmpi.check.nearby import Missing
 from ddmpi.interface.interface import Interface
@@ -16,7 +16,6 @@ from ddmpi.mesh.boundary import parts_of
 from ddmpi.mesh.elements import normals
 from ddmpi.pictures.browser import RIBBON, Arrays, in_space, page_of, painted_on
 from ddmpi.pictures.moved import apart
-from ddmpi.pictures.sheet import rounded
 from ddmpi.pictures.views import View, sharp_edges
 from ddmpi.results.fields import linear_parts, owners
 from ddmpi.results.tables import Results
@@ -367,32 +366,13 @@ _ARROW = (
 def _signs(bodies: Mapping[str, Looked], extent: float, unit_of: str) -> Iterator[_Sign]:
     """Arrows of loads and weights, and marks of supports, where there are some."""
     looked = list(bodies.values())
-    yield from _loads(looked, extent, unit_of)
+    loads = load_arrows(looked, extent, unit_of)
+    if loads is not None:
+        yield _arrows(loads.words, "#8c1a3a", loads.tail, loads.along, loads.owner, KNOB * extent)
     yield from _weights(looked, extent)
     kinds = dict.fromkeys(how for body in looked for how, _ in body.supports)
     for number, kind in enumerate(kinds):
         yield _supports(looked, kind, SUPPORTS[number % len(SUPPORTS)], extent)
-
-
-def _loads(looked: Sequence[Looked], extent: float, unit_of: str) -> Iterator[_Sign]:
-    """Arrows of loads on groups, to places where they point inward, else from these."""
-    loads = [
-        (k, *stresses(body, on, f, extent / PLACES))
-        for k, body in enumerate(looked)
-        for on, f in body.loads
-        if on != VOLUME
-    ]
-    if not loads:
-        return
-    at, stress, outward = (np.vstack([each[i] for each in loads]) for i in (1, 2, 3))
-    owner = np.concatenate([np.full(len(at), k) for k, at, *_ in loads])
-    largest = np.linalg.norm(stress, axis=1).max()
-    factor, unit_of = scaled_unit(largest, unit_of)
-    length = ARROW * extent / (largest or 1.0) * stress
-    inward = np.einsum("kd,kd->k", stress, outward) < 0.0
-    words = f"loads, up to {rounded(largest / factor)} {unit_of}"
-    tail = at - np.where(inward, 1.0, 0.0)[:, None] * length
-    yield _arrows(words, "#8c1a3a", tail, length, owner, KNOB * extent)
 
 
 def _weights(looked: Sequence[Looked], extent: float) -> Iterator[_Sign]:
