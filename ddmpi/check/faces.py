@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ddmpi.check.nearby import NUMBERS, Boundary
-from ddmpi.mesh.boundary import SHARPEST, creases
+from ddmpi.mesh.boundary import SHARPEST, creases, parts_of
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Face, connected
 from ddmpi.system.numbers import in_words
@@ -33,6 +33,10 @@ class Piece:
     names: Sequence[str]
     some: np.ndarray
     on: str | int | None
+
+    def is_of(self, on: str) -> bool:
+        """Whether it is of one of the groups of which the name `on` is made."""
+        return not set(self.names).isdisjoint(parts_of(on, self.names))
 
 
 def pieces_of(body: str, boundary: Boundary) -> list[Piece]:

@@ -12,7 +12,6 @@ from ddmpi.check.drawing import ARROW, GROUPS, PLACES, Looked, as_results, load_
 from ddmpi.check.faces import Piece, describe_face, face_of, pieces_of
 from ddmpi.check.nearby import Missing
 from ddmpi.interface.interface import Interface
-from ddmpi.mesh.boundary import parts_of
 from ddmpi.mesh.elements import normals
 from ddmpi.pictures.browser import RIBBON, Arrays, in_space, page_of, painted_on
 from ddmpi.pictures.moved import apart
@@ -446,31 +445,29 @@ class _Told:
         self._bodies = bodies
         self._plain = {body["name"]: body for body in plain["body"]}
         gaps = [describe_gap(interface, scene.units["length"]) for interface in interfaces]
-        self._contacts = [
-            (contact, dict(zip(contact.bodies, contact.on, strict=False)), gap)
-            for contact, gap in zip(scene.contact, gaps, strict=True)
-        ]
+        self._contacts = list(zip(scene.contact, gaps, strict=True))
         taken = {contact.name for contact in scene.contact}
         self._missing = [(lack, lack.lines(taken) if all(lack.on) else "") for lack in missing]
 
     def _acting(self, piece: Piece) -> list[str]:
         """Supports and loads of a piece, in words."""
         acting = self._bodies[piece.body].acting
-        return [words for on, words in acting if {*parts_of(on, piece.names)} & {*piece.names}]
+        return [words for on, words in acting if piece.is_of(on)]
 
     def _touching(self, piece: Piece) -> Iterator[str]:
         """Contacts of a piece, in words."""
-        for contact, _, gap in self._contacts:
+        for contact, gap in self._contacts:
             for body, on in zip(contact.bodies, contact.on, strict=False):
-                if body == piece.body and {*parts_of(on, piece.names)} & {*piece.names}:
+                if body == piece.body and piece.is_of(on):
                     yield f"contact {contact.name}: {' and '.join(contact.bodies)}, {gap}"
 
     def _proposed(self, piece: Piece) -> Iterator[tuple[Missing, str]]:
         """Contacts that may be missing at a piece, with their lines; none where a side has no name."""
         for lack, lines in self._missing:
             for body, on in zip(lack.bodies, lack.on, strict=False):
-                named = {*parts_of(on, piece.names)} & {*piece.names}
-                if body == piece.body and (named or (not on and self._is_at(piece, lack))):
+                if body == piece.body and (
+                    piece.is_of(on) or (not on and self._is_at(piece, lack))
+                ):
                     yield lack, lines
                     break
 
