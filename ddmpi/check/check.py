@@ -10,9 +10,9 @@ import msgspec
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.body.compliance import SOLVERS, bytes_in_words, memory_of_factors, memory_of_multigrid
+from ddmpi.body.compliance import SOLVERS, bytes_in_words
 from ddmpi.body.loads import VOLUME, loads_by_group
-from ddmpi.check.costs import forecast
+from ddmpi.check.costs import forecast, memory_of_solver
 from ddmpi.check.drawing import Looked, draw
 from ddmpi.check.faces import describe_face
 from ddmpi.check.nearby import Boundary, Missing, find_missing
@@ -167,12 +167,7 @@ def _look(body: Body, unit: str) -> Looked:
         (on, f"load: {_force(mesh, on, f)}{_following(history)}") for history, on, f in loads
     ]
     dense = member.body.kind == "explicit"
-    memory = (
-        memory_of_multigrid(member.elasticity.A)
-        if member.body.kind == "iterative"
-        else memory_of_factors(member.elasticity.A.size[0], mesh.dimension, dense)
-        + dense * 8.0 * member.size**2
-    )
+    memory = memory_of_solver(body) + dense * 8.0 * member.size**2
     return Looked(
         mesh,
         boundary,

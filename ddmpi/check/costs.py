@@ -251,34 +251,33 @@ def _made(bodies: Sequence[Body]) -> list[bool]:
     return made
 
 
+def memory_of_solver(body: Body) -> float:
+    """Bytes of the factors of a body, or of its multigrid."""
+    member = body.member
+    if member.body.kind == "iterative":
+        return memory_of_multigrid(member.elasticity.A)
+    dense = member.body.kind == "explicit"
+    return memory_of_factors(member.elasticity.A.size[0], body.mesh.dimension, dense)
+
+
 def _load(body: Body, made: bool, far: bool) -> Load:
     """What the costs of a body depend on, whose solver an alike one before it has `made`, in bodies that move `far`."""
     member = body.member
-    mesh = body.mesh
     A = member.elasticity.A
-    kind = member.body.kind
-    k = member.size
     rows = member.body.B.shape[0]
-    n = A.size[0]
-    dense = kind == "explicit"
-    solver = (
-        memory_of_multigrid(A)
-        if kind == "iterative"
-        else memory_of_factors(n, mesh.dimension, dense)
-    )
-    copies = COPIES * ((not made) + far)
+    copies = COPIES * ((not made) + far) * (member.body.kind == "explicit")
     return Load(
-        mesh.dimension,
-        n,
-        k,
+        body.mesh.dimension,
+        A.size[0],
+        member.size,
         rows,
-        len(mesh.points),
-        len(mesh.triangles),
+        len(body.mesh.points),
+        len(body.mesh.triangles),
         A.getInfo()["nz_used"],
-        kind,
+        member.body.kind,
         made,
-        solver,
-        copies * 8.0 * rows**2 * dense,
+        memory_of_solver(body),
+        copies * 8.0 * rows**2,
     )
 
 
