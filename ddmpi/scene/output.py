@@ -136,23 +136,22 @@ class Checkpoint(Table, frozen=True, kw_only=True):
     iterations: Annotated[int, msgspec.Meta(ge=0)] = 0
 
 
-def units(scene: dict, dimension: int = 2) -> dict[str, str]:
+UNITS = {
+    ("Pa·m", True): ("N", "N·m", "J"),
+    ("MPa·mm", True): ("N", "N·mm", "mJ"),
+    ("Pa·m", False): ("N/m", "N·m/m", "J/m"),
+    ("MPa·mm", False): ("N/mm", "N·mm/mm", "mJ/mm"),
+}
+"""Forces, moments and energies by stress and length, of whole bodies or per unit of depth."""
+
+
+def units(scene: dict, dimension: int) -> dict[str, str]:
     """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
     length = scene["output"]["length_unit"]
     stress = scene["output"]["stress_unit"]
     product = f"{stress}·{length}"
-    if dimension == 3 or scene.get("axisymmetric"):
-        named = {"Pa·m": ("N", "N·m", "J"), "MPa·mm": ("N", "N·mm", "mJ")}
-        force, moment, energy = named.get(product, (f"{product}²", f"{product}³", f"{product}³"))
-        return {
-            "length": length,
-            "stress": stress,
-            "force": force,
-            "moment": moment,
-            "energy": energy,
-        }
-    force = {"Pa·m": "N/m", "MPa·mm": "N/mm"}.get(product, product)
-    moment, energy = {"N/m": ("N·m/m", "J/m"), "N/mm": ("N·mm/mm", "mJ/mm")}.get(
-        force, (f"{force}·{length}",) * 2
-    )
+    whole = dimension == 3 or bool(scene.get("axisymmetric"))
+    power = f"{product}³" if whole else f"{product}·{length}"
+    unnamed = (f"{product}²" if whole else product), power, power
+    force, moment, energy = UNITS.get((product, whole), unnamed)
     return {"length": length, "stress": stress, "force": force, "moment": moment, "energy": energy}
