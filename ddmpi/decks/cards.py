@@ -346,9 +346,9 @@ class Card(NamedTuple):
         """The numbers of the first data line, if there is one. Raises DeckError."""
         return numbers(self.rows[0] if self.rows else [])
 
-    def tells(self, what: object) -> str:
-        """A message about this keyword, with its line and file."""
-        return f"line {self.line} of {self.path.name}: *{self.name}: {what}"
+    def error(self, what: object) -> InputError:
+        """A mistake in this keyword, with its line and file."""
+        return InputError(f"line {self.line} of {self.path.name}: *{self.name}: {what}")
 
     @contextlib.contextmanager
     def reading(self) -> Iterator[None]:
@@ -356,11 +356,11 @@ class Card(NamedTuple):
         try:
             yield
         except DeckError as error:
-            raise InputError(self.tells(error)) from None
+            raise self.error(error) from None
         except KeyError as error:
-            raise InputError(self.tells(f"it lacks {error.args[0]}")) from None
+            raise self.error(f"it lacks {error.args[0]}") from None
         except IndexError:
-            raise InputError(self.tells("a data line is too short")) from None
+            raise self.error("a data line is too short") from None
 
 
 class Block(NamedTuple):
@@ -461,7 +461,7 @@ def _headed(line: str, number: int, path: Path) -> Card:
         key = "".join(key.split()).upper()
         value = value.strip().strip('"')
         if key and given.setdefault(key, value) != value:
-            raise InputError(card.tells(f"it has two {key}"))
+            raise card.error(f"it has two {key}")
     return card
 
 

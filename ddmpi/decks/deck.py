@@ -26,7 +26,6 @@ from ddmpi.decks.cards import (
     read_cards,
     vector,
 )
-from ddmpi.errors import InputError
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""
@@ -404,7 +403,7 @@ def flattened(path: Path) -> tuple[list[Card], list[Instance]]:
             scopes.append((card.word, name))
         if card.word == "PART":
             if called(name) in parts:
-                raise InputError(card.tells(f"there are two of the name {name}"))
+                raise card.error(f"there are two of the name {name}")
             parts[called(name)] = name, []
         elif card.word == "INSTANCE":
             instances.append(Instance(name, card.given.get("PART", ""), card.rows))

@@ -13,7 +13,6 @@ import numpy as np
 from ddmpi.decks.acting import Acts, later
 from ddmpi.decks.cards import Acting, Card, DeckError, called, entry, number, numbers
 from ddmpi.decks.pieces import Piece
-from ddmpi.errors import InputError
 from ddmpi.scene.contacts import Closure
 from ddmpi.system.numbers import Frame
 
@@ -80,7 +79,7 @@ class Joints:
                 )
             return self.acts.on(ends)
         if not self.deck.key("NODES", card.scope, name):
-            raise InputError(card.tells(f"there is no surface {name}"))
+            raise card.error(f"there is no surface {name}")
         sides = self.acts.at(self.deck.chosen(card, "NODES", name))
         if not all(covered for *_, covered in sides):
             self.notes.add("lost", card, f"the surface {name} has nodes without a whole face")
@@ -126,7 +125,7 @@ class Joints:
         wheels = self.model.wheels
         found = wheels.get(card.name_of("NAME")) or wheels.get("")
         if not found:
-            raise InputError(card.tells("a cyclic tie without a *CYCLIC SYMMETRY MODEL"))
+            raise card.error("a cyclic tie without a *CYCLIC SYMMETRY MODEL")
         self.turned.append(found)
         return found
 
@@ -152,7 +151,7 @@ class Joints:
         if card.word != "TIE":
             name = card.name_of("INTERACTION").upper()
             if name not in self.model.interactions:
-                raise InputError(card.tells(f"there is no *SURFACE INTERACTION {name}"))
+                raise card.error(f"there is no *SURFACE INTERACTION {name}")
             law = self.model.interactions[name]
         behaviour = law.get("SURFACEBEHAVIOR", card)
         friction: Any = number(law["FRICTION"].rows[0][0] or "0") if "FRICTION" in law else 0.0

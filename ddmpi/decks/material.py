@@ -42,7 +42,7 @@ class Matter:
                 self._tell_others(k)
             self.owner |= dict.fromkeys(members, k)
             if thick < 0.0:
-                raise InputError(card.tells("the thickness is negative"))
+                raise card.error("the thickness is negative")
         depths = {
             section[2] for k, section in enumerate(model.sections) if k in set(self.owner.values())
         }
@@ -80,7 +80,7 @@ class Matter:
         for k, elements in self.sections(piece).items():
             _, name, thick, orientation, card = self.model.sections[k]
             if name not in self.model.materials:
-                raise InputError(card.tells(f"there is no *MATERIAL {name}"))
+                raise card.error(f"there is no *MATERIAL {name}")
             for heat, some in self._by_heat(name, piece, elements):
                 alpha = expansions.get(name, np.zeros(3))
                 directed = bool(np.ptp(alpha))
@@ -106,7 +106,7 @@ class Matter:
         known = self.model.orientations
         own = f"{called(card.scope)}.{orientation}"
         if own not in known and orientation not in known:
-            raise InputError(card.tells(f"there is no *ORIENTATION {orientation}"))
+            raise card.error(f"there is no *ORIENTATION {orientation}")
         given = known[own if own in known else orientation]
         turned = len(given.rows) > 1 and any(numbers(given.rows[1])[1:])
         return np.zeros((3, 3)) if given.says("SYSTEM", "R")[0] != "R" or turned else axes(given)
@@ -138,7 +138,7 @@ class Matter:
         temperature."""
         card = self.model.materials[name].get("ELASTIC")
         if card is None:
-            raise InputError(section.tells(f"the material {name} has no *ELASTIC"))
+            raise section.error(f"the material {name} has no *ELASTIC")
         kind = card.says("TYPE", "ISOTROPIC")
         width = 2 if kind.startswith("ISO") else 21 if kind.startswith("ANISO") else 9
         values, at = table(card, width)
@@ -165,7 +165,7 @@ class Matter:
                 [[row[0], row[1], row[3]], [row[1], row[2], row[4]], [row[3], row[4], row[5]]]
             )
             if np.linalg.matrix_rank(stiffness) < 3:
-                raise InputError(card.tells("the stiffness is singular"))
+                raise card.error("the stiffness is singular")
             S = np.linalg.inv(stiffness)
             young = 1.0 / np.diag(S)
             row = np.array(

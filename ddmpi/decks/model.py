@@ -156,10 +156,8 @@ class Model:
                 standing.rows,
                 standing.says("TYPE", "R")[:1],
             ):
-                raise InputError(
-                    card.tells(
-                        f"the node {node % STRIDE} has another *TRANSFORM on line {other.line}"
-                    )
+                raise card.error(
+                    f"the node {node % STRIDE} has another *TRANSFORM on line {other.line}"
                 )
 
     @property
@@ -186,9 +184,9 @@ class Model:
         """The only node of a set, or the one with this number."""
         nodes = self._of(card, "NSET", what)
         if len(nodes) != 1:
-            raise InputError(card.tells(f"{what} has {len(nodes)} nodes; one is needed"))
+            raise card.error(f"{what} has {len(nodes)} nodes; one is needed")
         if nodes - self.deck.points.keys():
-            raise InputError(card.tells(f"there is no node {what}"))
+            raise card.error(f"there is no node {what}")
         return nodes.pop()
 
     def _read(self) -> None:
@@ -224,7 +222,7 @@ class Model:
         way = [*(card for card in step if card.word == "STATIC"), *odd, step[0]][0]
         others = [card.line for card in step if card.word == way.word and card.rows != way.rows]
         if others:
-            raise InputError(way.tells(f"line {others[0]} gives the same step other times"))
+            raise way.error(f"line {others[0]} gives the same step other times")
         return way
 
     def _steps(self) -> list[list[Card]]:
@@ -236,20 +234,20 @@ class Model:
             if card.word == "STEP":
                 if inside is not None:
                     words = "the step does not end before the next one begins"
-                    raise InputError(inside.tells(words))
+                    raise inside.error(words)
                 inside = card
                 steps.append([])
             if inside is not None:
                 steps[-1].append(card)
             elif card.word == "ENDSTEP":
-                raise InputError(card.tells("no *STEP begins before it"))
+                raise card.error("no *STEP begins before it")
             else:
                 early += [card] if card.word in OF_STEPS else []
                 self._take(card)
             inside = None if card.word == "ENDSTEP" else inside
         if inside is not None:
             words = "the step that begins here does not end; is the deck cut off?"
-            raise InputError(inside.tells(words))
+            raise inside.error(words)
         for card in early:
             if steps and card.place < steps[-1][0].place:
                 words = "it stands in no *STEP, and counts from the beginning of the next one"
@@ -334,7 +332,7 @@ class Model:
         if not name:
             return [(end, value)]
         if called(name) not in self._named:
-            raise InputError(card.tells(f"there is no *AMPLITUDE {name}"))
+            raise card.error(f"there is no *AMPLITUDE {name}")
         given = self._named[called(name)]
         way = given.says("DEFINITION", "TABULAR")
         form = given.says("VALUE")
@@ -362,9 +360,7 @@ class Model:
     def _take(self, card: Card) -> None:
         """Note what one keyword says. Raises InputError."""
         if self._coupling and card.word not in ("KINEMATIC", "DISTRIBUTING"):
-            raise InputError(
-                self._coupling.card.tells("neither *KINEMATIC nor *DISTRIBUTING follows it")
-            )
+            raise self._coupling.card.error("neither *KINEMATIC nor *DISTRIBUTING follows it")
         if card.word in WITHOUT_EFFECT:
             self.notes.add("changed", card, f"left out: {WITHOUT_EFFECT[card.word]}")
         elif card.word in REFUSED:
