@@ -229,15 +229,17 @@ class Acts:
             if len(way) == 1:  # of a fluid at a node
                 at = way[0], 2
                 if at not in self.kinds["supports"]:
-                    words = f"a pressure that is not given at node {way[0]}"
-                    self.notes.add("lost", acting.card, words)
+                    self.notes.add(
+                        "lost", acting.card, f"a pressure that is not given at node {way[0]}"
+                    )
                     continue
                 acting = self.kinds["supports"][at]
                 way = ()
             if (element, face) not in self.where:
                 if acting.moves:
-                    words = "a pressure on a face that is not on a boundary"
-                    self.notes.add("lost", acting.card, words)
+                    self.notes.add(
+                        "lost", acting.card, "a pressure on a face that is not on a boundary"
+                    )
                 continue
             piece, facet = self.where[element, face]
             value, history = self.factor(acting)
@@ -258,8 +260,9 @@ class Acts:
             if node not in inside and node in model.deck.points:
                 self.notes.add("changed", acting.card, "a support at a node of no body is left out")
             elif node not in inside:
-                words = "a support at a node that the deck does not have"
-                self.notes.add("lost", acting.card, words)
+                self.notes.add(
+                    "lost", acting.card, "a support at a node that the deck does not have"
+                )
 
     def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
         """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""
@@ -359,8 +362,7 @@ class Acts:
             field = self._density(piece, label, card) * value * np.reshape(field, (4, 3))
             off = np.abs(field[[0, 2]]).max() > EXACT * np.abs(field).max()
             if label == "CENTRIF" and self.axisymmetric and off:
-                words = "a rotation about another axis than that of the body"
-                self.notes.add("lost", card, words)
+                self.notes.add("lost", card, "a rotation about another axis than that of the body")
             flat = np.array([self._flat(card, row) for row in field[: 1 + d]])
             first, before = fields.get(history, (card, 0.0))
             fields[history] = first, before + flat
@@ -368,8 +370,9 @@ class Acts:
             return None
         history, *others = fields
         for other in others:
-            words = "volume forces that change in different ways"
-            self.notes.lost_between_steps(fields[other][0], words)
+            self.notes.lost_between_steps(
+                fields[other][0], "volume forces that change in different ways"
+            )
         constant, *slopes = fields[history][1]
         force = [formula(float(constant[k]), np.array(slopes)[:, k], self.axes) for k in range(d)]
         return {"value": force, "history": history} if history else force
@@ -414,8 +417,9 @@ class Acts:
         if not grows:
             return None, {}
         if np.ptp(fields, axis=0).max() > KEEPS * np.abs(fields[0]).max():
-            words = "expansions of several materials that vary with the temperature"
-            self.notes.add("lost", card, words)
+            self.notes.add(
+                "lost", card, "expansions of several materials that vary with the temperature"
+            )
         text = self._field(piece, fields[0], card)
         return (text if not history else {"value": text, "history": history}), expansions
 
@@ -433,8 +437,10 @@ class Acts:
             end[k] = start[k] + rise
             histories |= {history} if rise else set()
         if len(histories) > 1:
-            words = "temperatures that change in different ways in one body"
-            self.notes.lost_between_steps(self.kinds["heat"][own[0]].card, words)
+            self.notes.lost_between_steps(
+                self.kinds["heat"][own[0]].card,
+                "temperatures that change in different ways in one body",
+            )
         return np.array([start, end]), next(iter(histories), None)
 
     def _grown(self, name: str, T: np.ndarray) -> tuple[np.ndarray | None, np.ndarray]:
@@ -454,13 +460,17 @@ class Acts:
         along = direct[row] / largest * np.ones(3) if largest else np.ones(3)
         apart = np.abs(direct - direct[:, [most]] * along[:width]).max()
         if apart > KEEPS * abs(largest):
-            words = "expansions by direction that change with the temperature in different ways"
-            self.notes.add("lost", expansion, words)
-        if len(values) > 1:
-            words = (
-                "the thermal strain of the table is folded into the expansion and the temperature"
+            self.notes.add(
+                "lost",
+                expansion,
+                "expansions by direction that change with the temperature in different ways",
             )
-            self.notes.add("changed", expansion, words)
+        if len(values) > 1:
+            self.notes.add(
+                "changed",
+                expansion,
+                "the thermal strain of the table is folded into the expansion and the temperature",
+            )
         zero = number(expansion.given.get("ZERO") or "0")
         order = np.argsort(at)
         grown = np.diff(np.interp(T, at[order], direct[order, most]) * (T - zero), axis=0)[0]

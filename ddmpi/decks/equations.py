@@ -226,8 +226,11 @@ class Equations:
         """Bond the faces of the pairs that stand to each other as the first one of a `Tie`, x¹ = Q x² + t; the other pairs."""
         tie = Tie.of(left)
         if tie is None:
-            words = "pairs whose coefficients are those of no tie, shift or turn"
-            self._tell([row for group in left for row in group], words, "")
+            self._tell(
+                [row for group in left for row in group],
+                "pairs whose coefficients are those of no tie, shift or turn",
+                "",
+            )
             return []
         a, b = np.array([one[0].nodes for one in left]).T
         here = first.points[np.searchsorted(first.nodes, a)]

@@ -200,8 +200,11 @@ class Joints:
                 "lost", card, f"contact of {', '.join(sorted(own))} with itself by one surface"
             )
         elif not found:
-            words = f"{card.rows and ' or '.join(card.rows[0][:2])} has no faces on a body"
-            self.notes.add("lost", card, words)
+            self.notes.add(
+                "lost",
+                card,
+                f"{card.rows and ' or '.join(card.rows[0][:2])} has no faces on a body",
+            )
         if not all(fresh):
             self.notes.add("changed", card, "a contact that is there already is one contact")
         return [one for one, new in zip(found, fresh, strict=True) if new]

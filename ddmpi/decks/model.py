@@ -139,8 +139,9 @@ class Model:
                     name = card.given["NAME"]
                     other = found.setdefault(scope + called(name), card)
                     if other.place != card.place:
-                        words = f"there is one of the name {name} on line {other.line} already"
-                        raise DeckError(words)
+                        raise DeckError(
+                            f"there is one of the name {name} on line {other.line} already"
+                        )
         return found
 
     def _standing(self, card: Card) -> Card:
@@ -233,8 +234,7 @@ class Model:
         for card in self.deck.cards:
             if card.word == "STEP":
                 if inside is not None:
-                    words = "the step does not end before the next one begins"
-                    raise inside.error(words)
+                    raise inside.error("the step does not end before the next one begins")
                 inside = card
                 steps.append([])
             if inside is not None:
@@ -246,12 +246,14 @@ class Model:
                 self._take(card)
             inside = None if card.word == "ENDSTEP" else inside
         if inside is not None:
-            words = "the step that begins here does not end; is the deck cut off?"
-            raise inside.error(words)
+            raise inside.error("the step that begins here does not end; is the deck cut off?")
         for card in early:
             if steps and card.place < steps[-1][0].place:
-                words = "it stands in no *STEP, and counts from the beginning of the next one"
-                self.notes.add("changed", card, words)
+                self.notes.add(
+                    "changed",
+                    card,
+                    "it stands in no *STEP, and counts from the beginning of the next one",
+                )
             else:
                 self.notes.add("lost", card, "it stands after the last *STEP")
         return steps
@@ -546,8 +548,9 @@ class Model:
             self.locked |= dict.fromkeys(fixed, self.ends[-1])
             return
         if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.says("TYPE", "D")[0] != "D":
-            words = "displacements of another model, a routine, or of the step before"
-            self.notes.add("lost", card, words)
+            self.notes.add(
+                "lost", card, "displacements of another model, a routine, or of the step before"
+            )
             return
         for row in card.rows:
             for node in self.deck.chosen(card, "NSET", row[0]):
@@ -566,8 +569,9 @@ class Model:
         if components[-1] > 6 or (components[-1] > most and value):
             self.notes.add("lost", card, f"component {components[-1]} of the displacement")
         elif components[0] > most:
-            words = "nodes of solids have no turns: components 4 to 6 have no effect"
-            self.notes.add("changed", card, words)
+            self.notes.add(
+                "changed", card, "nodes of solids have no turns: components 4 to 6 have no effect"
+            )
 
     def _on_cload(self, card: Card) -> None:
         self._renew("forces", card)
@@ -711,8 +715,9 @@ class Model:
             ]
             other, first = self.equations.setdefault(one[0][:2], (card, one))
             if first is not one or len({term[:2] for term in one}) < len(one):
-                words = f"a component of node {one[0][0] % STRIDE} twice, also on line {other.line}"
-                raise DeckError(words)
+                raise DeckError(
+                    f"a component of node {one[0][0] % STRIDE} twice, also on line {other.line}"
+                )
 
     def _constrain(self, card: Card) -> None:
         beams = defaultdict[int, set[int]](set)

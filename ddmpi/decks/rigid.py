@@ -89,8 +89,11 @@ class RigidSets:
                     "changed", one.card, f"{together}; CalculiX lets each turn by itself"
                 )
         if rigid.spread and not sets[0].spread:
-            words = "points alone hold nothing in a solid; the loads on them are spread over the faces around them"
-            self.notes.add("changed", rigid.card, words)
+            self.notes.add(
+                "changed",
+                rigid.card,
+                "points alone hold nothing in a solid; the loads on them are spread over the faces around them",
+            )
         return ""
 
     def _around(
@@ -154,8 +157,9 @@ class RigidSets:
         if held[d:].any():
             return "its turns are given, and some of its displacements are free"
         if (given & (loads != 0.0)).any():
-            words = "forces along displacements that are given change nothing"
-            self.notes.add("changed", rigid.card, words)
+            self.notes.add(
+                "changed", rigid.card, "forces along displacements that are given change nothing"
+            )
         loads = np.where(given, 0.0, loads)
         name = own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps])
         partner: dict[str, Any] = {"name": name} | self._surface(faces, rigid.only)

@@ -85,8 +85,9 @@ class Importer:
             refuse_lost(block.entries, numbers)
         for card in self.model.bolts:
             if "SURFACE" not in card.given:
-                words = "a pre-tension that is not of a section of solid elements"
-                self.notes.add("lost", card, words)
+                self.notes.add(
+                    "lost", card, "a pre-tension that is not of a section of solid elements"
+                )
                 continue
             ends = set(self.deck.ends(card, card.given["SURFACE"]))
             rows, section, around = cut(blocks, rows, ends, numbers, points)
