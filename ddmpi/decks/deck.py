@@ -26,6 +26,7 @@ from ddmpi.decks.cards import (
     read_cards,
     vector,
 )
+from ddmpi.system.numbers import Frame
 
 GENERATING = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 """Keywords that make nodes or elements from others, or move them; they are not read."""
@@ -220,32 +221,15 @@ class Deck:
     def stands(self, card: Card) -> Card:
         """A card of directions or of an axis, such as *ORIENTATION, as it is where its instance stands. Raises
         DeckError."""
-        place = (
-            [numbers(row) for row in self.places[called(card.scope)].place[:2]]
-            if card.scope
-            else []
-        )
+        place = self.places[called(card.scope)].place if card.scope else []
         if not place or not card.rows:
             return card
+        frame = _frame(place)
         ends = vector(card.values(), 6).reshape(2, 3)
         round_axis = (card.says("TYPE") or card.says("SYSTEM", "R"))[:1] != "R"
-        moved = self._stood(place, ends if round_axis else ends + 0.0)
-        moved = moved if round_axis else moved - self._stood(place, np.zeros((1, 3)))
+        moved = frame.at(ends) if round_axis else frame.along(ends)
         row = [*map(repr, moved.ravel().tolist()), *card.rows[0][6:]]
         return card._replace(rows=[row, *card.rows[1:]])
-
-    def _stood(self, place: list[list[float]], points: np.ndarray) -> np.ndarray:
-        """Points (n, 3) of a part where an instance stands, by the rows that shift and turn it. Raises DeckError."""
-        from scipy.spatial.transform import Rotation
-
-        points = points + vector(place[0])  # of a plane part two coordinates will do
-        if len(place) > 1:
-            if len(place[1]) < 7:
-                raise DeckError(f"an instance is turned by 7 numbers, and one has {len(place[1])}")
-            start, end = np.reshape(place[1][:6], (2, 3))
-            turn = Rotation.from_rotvec(np.radians(place[1][6]) * along((end - start).tolist()))
-            points = start + turn.apply(points - start)
-        return points
 
     def placed(self) -> tuple[np.ndarray, np.ndarray]:
         """All numbers of nodes (n,), ascending, and their points (n, 3) where instances have them (m)."""
@@ -253,9 +237,8 @@ class Deck:
         points = np.array([self.points[number] for number in nodes.tolist()]).reshape(-1, 3)
         for name, instance in self.places.items():
             own = nodes // STRIDE == self._first[name] // STRIDE
-            place = [numbers(row) for row in instance.place[:2]]
-            if place:
-                points[own] = self._stood(place, points[own])
+            if instance.place:
+                points[own] = _frame(instance.place).at(points[own])
         return nodes, points
 
     def _scope(self, part: str | None) -> str | None:
@@ -357,6 +340,19 @@ class Deck:
             if only and key.startswith(f"{only}."):
                 name = name[len(self.places[only].name) + 1 :]
             yield kind, key, name
+
+
+def _frame(place: list[list[str]]) -> Frame:
+    """Where an instance stands, by the rows that shift it and then turn it. Raises DeckError."""
+    shift, *turns = map(numbers, place[:2])
+    frame = Frame.of(vector(shift))  # of a plane part two coordinates will do
+    for turn in turns:
+        if len(turn) < 7:
+            raise DeckError(f"an instance is turned by 7 numbers, and one has {len(turn)}")
+        start, end = np.reshape(turn[:6], (2, 3))
+        axis = along((end - start).tolist())
+        frame = Frame.of(np.zeros(3), turn[6] * axis, start).after(frame)
+    return frame
 
 
 def refuse_lost(entries: np.ndarray, numbers: np.ndarray) -> None:
