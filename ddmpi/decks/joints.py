@@ -19,9 +19,6 @@ from ddmpi.system.numbers import Frame
 Side = tuple[Piece, np.ndarray]
 """A body, and its facets of a surface."""
 
-Laws = tuple[bool, Any, Any]
-"""Whether surfaces are tied, their coefficient of friction, and their softness, as in a scene."""
-
 Pair = tuple[Piece, np.ndarray, Piece, np.ndarray]
 """Slave and master, each with its facets."""
 
@@ -37,7 +34,9 @@ class Joints:
         self.kinds = acts.kinds
         self.cleared = list[Card]()
         self.turned = list[Card]()
-        self.met: list[tuple[Card, Laws, dict[str, set[int]]]] = []  # faces in contact so far
+        self.met: list[
+            tuple[Card, dict[str, Any], dict[str, set[int]]]
+        ] = []  # faces in contact so far
 
     def unmet(self) -> None:
         """Note clearances of surfaces that are in no contact, and cyclic symmetries of no tie."""
@@ -48,23 +47,23 @@ class Joints:
             if clearance not in self.cleared:
                 self.notes.add("lost", clearance, "no *CONTACT PAIR has these surfaces")
 
-    def _again(self, card: Card, laws: Laws, pair: Pair) -> bool:
+    def _again(self, card: Card, law: dict[str, Any], pair: Pair) -> bool:
         """Whether a contact of the same faces is there already, in either order. Those that share some of their faces
         on both sides, or differ in their laws, are lost."""
         slave, on, master, against = pair
         sides = {slave.name: set(on.tolist())}
         sides[master.name] = sides.get(master.name, set()) | set(against.tolist())
-        for other, law, others in self.met:
+        for other, before, others in self.met:
             if others.keys() != sides.keys() or any(
                 others[name].isdisjoint(sides[name]) for name in sides
             ):
                 continue
-            if others == sides and law == laws:
+            if others == sides and before == law:
                 return True
             self.notes.add(
                 "lost", card, f"a contact beside that of line {other.line}, between the same faces"
             )
-        self.met.append((card, laws, sides))
+        self.met.append((card, law, sides))
         return False
 
     def _side(self, card: Card, name: str) -> list[Side]:
@@ -89,12 +88,12 @@ class Joints:
         self, card: Card, slave_surface: str, master_surface: str
     ) -> Iterable[dict[str, Any]]:
         """The contacts of a pair of surfaces, one for each two bodies that they have."""
-        tied, *_ = laws = self._law(card)
+        law = self._law(card)
+        tied = law.get("kind") == "bonded"
         names = slave_surface, master_surface
         slaves, masters = (self._side(card, name) for name in names)
         wheel = self._wheel(card)
-        joined = self._joined(card, laws, slaves, masters, wheel)
-        law = _entries(laws)
+        joined = self._joined(card, law, slaves, masters, wheel)
         for slave, on, master, against in joined:
             contact: dict[str, Any] = {
                 "bodies": [slave.name, master.name],
@@ -144,16 +143,17 @@ class Joints:
         self.notes.add("taken", clearance, "gap")
         return number(clearance.given["VALUE"])
 
-    def _law(self, card: Card) -> Laws:
-        """Of a pair of surfaces. Raises InputError."""
-        law = dict[str, Card]()
-        name = ""
-        if card.word != "TIE":
-            name = card.name_of("INTERACTION").upper()
-            if name not in self.model.interactions:
-                raise card.error(f"there is no *SURFACE INTERACTION {name}")
-            law = self.model.interactions[name]
+    def _law(self, card: Card) -> dict[str, Any]:
+        """The kind, the softness and the friction of a pair of surfaces, as a contact has them. Raises InputError."""
+        if card.word == "TIE":
+            return {"kind": "bonded"}
+        name = card.name_of("INTERACTION").upper()
+        if name not in self.model.interactions:
+            raise card.error(f"there is no *SURFACE INTERACTION {name}")
+        law = self.model.interactions[name]
         behaviour = law.get("SURFACEBEHAVIOR", card)
+        if behaviour.says("PRESSURE-OVERCLOSURE") == "TIED":
+            return {"kind": "bonded"}
         friction: Any = number(law["FRICTION"].rows[0][0] or "0") if "FRICTION" in law else 0.0
         if changes := self.model.rubbing.get(name):
             course = [(0.0, friction)]
@@ -161,8 +161,11 @@ class Joints:
                 course.append((end, changes.get(k, course[-1][1])))
             friction, history = self.acts.factor(Acting(card, tuple(course)))
             friction = {"value": friction, "history": history} if history else friction
-        tied = card.word == "TIE" or behaviour.says("PRESSURE-OVERCLOSURE") == "TIED"
-        return tied, friction, None if tied else self._softness(behaviour)
+        softness = self._softness(behaviour)
+        entries = {"softness": softness} if softness else {}
+        if friction:
+            entries["friction"] = {"law": "coulomb", "coefficient": friction}
+        return entries
 
     def _softness(self, card: Card) -> Any:
         """The softness of *SURFACE BEHAVIOR; None of a hard one."""
@@ -186,7 +189,7 @@ class Joints:
     def _joined(
         self,
         card: Card,
-        law: Laws,
+        law: dict[str, Any],
         slaves: Sequence[Side],
         masters: Sequence[Side],
         wheel: Card | None,
@@ -316,17 +319,6 @@ class Joints:
         if not any(given):
             return "a pre-tension whose node has neither a force nor a displacement"
         return "" if cuts and not all(given) else "a section that does not cut a body in two"
-
-
-def _entries(laws: Laws) -> dict[str, Any]:
-    """The keys of a contact by its laws."""
-    tied, friction, softness = laws
-    law: dict[str, Any] = {"softness": softness} if softness else {}
-    if tied:
-        law["kind"] = "bonded"
-    elif friction:
-        law["friction"] = {"law": "coulomb", "coefficient": friction}
-    return law
 
 
 def _touch(piece: Piece, on: np.ndarray, against: np.ndarray, alone: bool) -> bool:
