@@ -37,12 +37,17 @@ from ddmpi.decks.deck import STRIDE, Deck
 from ddmpi.decks.pieces import nodes_of_faces
 from ddmpi.errors import InputError
 
-PROPERTIES = {
+TAKEN = {
     "ELASTIC": "elastic constants",
     "EXPANSION": "thermal expansion",
     "DENSITY": "density",
+    "FRICTION": "coefficient of friction",
+    "SOLIDSECTION": "material of elements",
+    "CHANGESOLIDSECTION": "material of elements",
+    "CLOAD": "forces",
+    "INITIALCONDITIONS": "initial temperature",
 }
-"""Keywords of a material, and what they give."""
+"""Keywords that are in a scene unless they are lost, and as what."""
 
 
 class Model:
@@ -105,9 +110,7 @@ class Model:
         self.equations: dict[tuple[int, int], tuple[Card, list[tuple[int, int, float]]]] = {}
         self.bolts = [card for card in deck.cards if card.word == "PRE-TENSIONSECTION"]
         self.bolt_nodes = {
-            node
-            for card in self.bolts
-            for node in self._of(card, "NSET", card.given.get("NODE", ""))
+            node for card in self.bolts for node in self._nodes(card, card.given.get("NODE", ""))
         }
         self.locked: dict[int, float] = {}  # bolts whose offset is kept from this time on
         self._refs = {
@@ -115,7 +118,7 @@ class Model:
             for card in deck.cards
             for key in ("REFNODE", "ROTNODE")
             if key in card.given
-            for node in self._of(card, "NSET", card.given[key])
+            for node in self._nodes(card, card.given[key])
         }
         self.rigid_nodes = set[int]()  # reference nodes of rigid sets, and their nodes of rotations
         self._coupling: Rigid | None = None  # a *COUPLING before its second keyword
@@ -151,7 +154,7 @@ class Model:
     def _on_transform_of_nodes(self, card: Card) -> None:
         """Note the directions of *TRANSFORM for its nodes. Raises InputError where nodes have others already."""
         standing = self._standing(card)
-        for node in self._of(card, "NSET", card.given.get("NSET", "")):
+        for node in self._nodes(card, card.given.get("NSET", "")):
             other = self.transforms.setdefault(node, standing)
             if (other.rows, other.says("TYPE", "R")[:1]) != (
                 standing.rows,
@@ -177,13 +180,13 @@ class Model:
             ]
         )
 
-    def _of(self, card: Card, kind: str, what: str) -> set[int]:
+    def _nodes(self, card: Card, what: str) -> set[int]:
         with card.reading():
-            return self.deck.chosen(card, kind, what)
+            return self.deck.chosen(card, "NSET", what)
 
     def node(self, card: Card, what: str) -> int:
         """The only node of a set, or the one with this number."""
-        nodes = self._of(card, "NSET", what)
+        nodes = self._nodes(card, what)
         if len(nodes) != 1:
             raise card.error(f"{what} has {len(nodes)} nodes; one is needed")
         if nodes - self.deck.points.keys():
@@ -373,6 +376,8 @@ class Model:
         elif method := self._method(card.word):
             with card.reading():
                 method(card)
+            if card.word in TAKEN:
+                self.notes.add("taken", card, TAKEN[card.word])
 
     def _method(self, word: str) -> Callable[[Card], None] | None:
         """What reads a keyword beyond meshes."""
@@ -407,11 +412,7 @@ class Model:
         if other.place != card.place and (other.rows, other.given) != (card.rows, card.given):
             raise DeckError(f"there is one of this *{within} on line {other.line} already")
 
-    def _on_elastic(self, card: Card) -> None:
-        self._keep(card)
-        self.notes.add("taken", card, PROPERTIES[card.word])
-
-    _on_expansion = _on_density = _on_elastic
+    _on_elastic = _on_expansion = _on_density = _keep
 
     def _on_surfacebehavior(self, card: Card) -> None:
         self._keep(card, "SURFACE INTERACTION")
@@ -434,7 +435,6 @@ class Model:
             self.notes.add("lost", card, "friction other than Coulomb's with one coefficient")
         if any(card.values()[1:2]):
             self.notes.add("changed", card, "the stick slope is dropped: nodes stick without slip")
-        self.notes.add("taken", card, "coefficient of friction")
         if self._within == "CHANGEFRICTION":
             self.rubbing[self._changed][len(self.ends)] = number(entry(card.rows[0], 0, "0"))
             self.notes.add("changed", card, "friction goes to this coefficient over the step")
@@ -463,7 +463,6 @@ class Model:
                 card,
             )
         )
-        self.notes.add("taken", card, "material of elements")
 
     def _on_changesolidsection(self, card: Card) -> None:
         self._on_solidsection(card)
@@ -584,7 +583,6 @@ class Model:
                     self.notes.add("lost", card, "a pre-tension has the component 1 alone")
                 else:
                     self._add("forces", (node, component(row[1])), card, number(row[2]))
-        self.notes.add("taken", card, "forces")
 
     def _on_dload(self, card: Card) -> None:
         surface = card.word == "DSLOAD"
@@ -748,4 +746,3 @@ class Model:
             return
         for row in card.rows:
             self.start |= dict.fromkeys(self.deck.chosen(card, "NSET", row[0]), number(row[1]))
-        self.notes.add("taken", card, "initial temperature")
