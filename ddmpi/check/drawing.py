@@ -18,6 +18,7 @@ from ddmpi.mesh.boundary import creases, segments
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.pictures.bodies import middles, skin_of
+from ddmpi.pictures.browser import in_space
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
@@ -213,10 +214,19 @@ def as_results(
     plain_scene = scene.resolved()
     starts = np.cumsum([0, *(len(mesh.points) for mesh in meshes)])
     points = np.concatenate([mesh.points for mesh in meshes])
-    tables = {
-        interface.name: dict(zip("xyz", interface.lines.xy.T, strict=False))
-        for interface in interfaces
-    }
+    tables = {}
+    surfaces = {}
+    for interface in interfaces:
+        lines = interface.lines
+        outline = interface.drawing.outline
+        at = dict(zip("xyz", lines.xy.T, strict=False))
+        normal = dict(zip(("nx", "ny", "nz"), interface.normal[lines.row].T, strict=False))
+        tables[interface.name] = at | normal | {"area": lines.area}
+        surfaces[interface.name] = {
+            "points": in_space(outline.xy),
+            "cells": outline.cells,
+            "gap": outline.shares @ interface.gap,
+        }
     return Results(
         {
             "title": scene.title,
@@ -238,11 +248,7 @@ def as_results(
             ),
             "body": np.repeat(np.arange(len(meshes)), [len(mesh.triangles) for mesh in meshes]),
         },
-        surfaces={
-            interface.name: {"points": outline.xy, "cells": outline.cells}
-            for interface in interfaces
-            for outline in [interface.drawing.outline]
-        },
+        surfaces=surfaces,
     )
 
 

@@ -1,7 +1,7 @@
 """check.html: the parts of a scene that is not solved, to be turned, taken apart and clicked; shown by view.html's script."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -52,10 +52,9 @@ def write_check(
 ) -> Path:
     """Write the page of a scene. Not collective. Raises OutputError."""
     results = as_results(scene, bodies, interfaces)
-    shown = _with_contacts(results, interfaces)
     pieces = [piece for name, body in bodies.items() for piece in pieces_of(name, body.boundary)]
     arrays = Arrays()
-    scenery = _Scenery(shown, bodies, pieces)
+    scenery = _Scenery(results, bodies, pieces)
     scenery.put(arrays)
     told = _Told(scene, results.scene, bodies, interfaces, missing)
     roles = np.array([0, *(told.role(piece) for piece in pieces)])
@@ -70,7 +69,7 @@ def write_check(
     fields = [
         _field("role", "what faces are for", list(ROLES.values()), list(ROLES)),
         _field("group", "groups", [ROLES["free"], *GROUPS]),
-        *_put_gaps(arrays, shown, interfaces),
+        *_put_gaps(arrays, results),
     ]
     head = scenery.head() | {
         "fields": fields,
@@ -99,28 +98,7 @@ def _field(name: str, title: str, colours: list[str], labels: Sequence[str] = ()
     }
 
 
-def _with_contacts(results: Results, interfaces: Sequence[Interface]) -> Results:
-    """Results with the columns that show contacts: normals, areas, and gaps on their surfaces."""
-    tables = {}
-    surfaces = {}
-    for interface in interfaces:
-        row = interface.lines.row
-        outline = interface.drawing.outline
-        normal = dict(zip(("nx", "ny", "nz"), interface.normal[row].T, strict=False))
-        area = {"area": interface.lines.area}
-        tables[interface.name] = results.contacts[interface.name] | normal | area
-        gap = outline.shares @ interface.gap
-        surfaces[interface.name] = {
-            "points": in_space(outline.xy),
-            "cells": outline.cells,
-            "gap": gap,
-        }
-    return replace(results, contacts=tables, surfaces=surfaces)
-
-
-def _put_gaps(
-    arrays: Arrays, results: Results, interfaces: Sequence[Interface]
-) -> Iterator[dict[str, Any]]:
+def _put_gaps(arrays: Arrays, results: Results) -> Iterator[dict[str, Any]]:
     """The field of gaps, if there are contacts; their surfaces are put into the arrays in any case."""
     painted = painted_on(
         results, in_space(results.points), owners(results), results.scene["contact"]
