@@ -65,12 +65,18 @@ class _Words:
         self._data = data
         self._text = text
         self._at = 0
-        self._types = {"int": np.dtype("i4"), "size": np.dtype(f"i{size}"), "real": np.dtype("f8")}
+        self._types = {
+            "int": np.dtype("i4"),
+            "size": np.dtype(f"i{size}"),
+            "real": np.dtype("f8"),
+            "node": np.dtype([("number", "i4"), ("at", "f8", 3)]),
+        }
         if text:
             self._words = np.fromstring(data.decode("ascii"), sep=" ")
 
     def take(self, kind: str, count: int) -> np.ndarray:
-        """The next `count` numbers, of a `kind`: "int", "size" or "real". Raises ValueError where they are missing."""
+        """The next `count` numbers, of a `kind`: "int", "size" or "real"; in binary also records of nodes, "node".
+        Raises ValueError where they are missing."""
         if self._text:
             taken = self._words[self._at : self._at + count]
             self._at = self._at + count
@@ -79,7 +85,7 @@ class _Words:
             return taken if kind == "real" else taken.astype(np.int64)
         taken = np.frombuffer(self._data, self._types[kind], count, self._at)
         self._at += taken.nbytes
-        return taken if kind == "real" else taken.astype(np.int64)
+        return taken.astype(np.int64) if kind in ("int", "size") else taken
 
     @property
     def rest(self) -> int:
@@ -141,12 +147,7 @@ def _numbers(data: bytes) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray
     count = nodes.line()
     if kind == b"0":
         return nodes.take("real", 4 * count)[::4].astype(np.int64), list(_runs(elements))
-    record = np.dtype([("number", "i4"), ("at", "f8", 3)])
-    start = _section(data, b"Nodes").index(b"\n") + 1
-    return (
-        np.frombuffer(_section(data, b"Nodes"), record, count, start)["number"].astype(np.int64),
-        list(_binary_runs(elements)),
-    )
+    return nodes.take("node", count)["number"].astype(np.int64), list(_binary_runs(elements))
 
 
 def _section(data: bytes, name: bytes) -> bytes:
