@@ -212,11 +212,8 @@ def locate_mesh(body: BodySpec, folder: Path) -> Path:
     """The mesh or geometry of `body`, looked for in `folder`, then in the current directory. Raises InputError."""
     if body.mesh.file in GIVEN:
         return Path(str(body.mesh.file))
-    key = "geometry"
-    name = Path(str(body.mesh.geometry))
-    if body.mesh.geometry is None:
-        key = "file"
-        name = Path(str(body.mesh.file))
+    key = "file" if body.mesh.geometry is None else "geometry"
+    name = Path(str(getattr(body.mesh, key)))
     places = dict.fromkeys([folder / name, name])  # an absolute one stays what it is
     tried = []
     for place in places:
