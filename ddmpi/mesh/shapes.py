@@ -163,11 +163,8 @@ def _grid(
         order = order[np.sort(np.unique(order, return_index=True)[1])]
     number = np.empty(sizes.prod(), dtype=order.dtype)
     number[order] = np.arange(len(order))
-    a = number[grid[:-1, :-1]]
-    b = number[grid[1:, :-1]]
-    c = number[grid[1:, 1:]]
-    d = number[grid[:-1, 1:]]
-    cells = np.stack([a, b, c, d], axis=-1).reshape(-1, 4)
+    corners = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
+    cells = number[np.stack(corners, axis=-1)].reshape(-1, 4)
     if elements != "bricks":
         cells = cells[:, [0, 1, 2, 2, 3, 0]].reshape(-1, 3)
     edges = {
