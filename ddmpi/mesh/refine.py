@@ -231,10 +231,7 @@ def simplices(
         cells.append(np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1))
         bow = np.zeros((*parts.shape[:2], len(CELLS[d, 1].edges) * curved, points.shape[1]))
         if curved and kind != shape and len(corners):
-            ends = corners[:, np.array(SIDES[shape])]
-            off = CELLS[1, 2].bends(
-                points[np.concatenate([ends, middles[..., None]], axis=2)], SAME
-            )[:, :, 0]
+            off = _bows(points, corners[:, np.array(SIDES[shape])], middles)
             bent = np.flatnonzero(off.any(axis=(1, 2)))
             between = np.einsum("ijs,nsc->nijc", _weights(shape, corners.shape[1]), off[bent])
             i, j = np.moveaxis(parts[bent][:, :, CELLS[d, 1].edges], -1, 0)
@@ -259,14 +256,18 @@ def bricks(
         if shape == cell.shape.kind:
             bow = np.zeros((len(corners), len(cell.between) * curved, points.shape[1]))
             if curved and kind != shape:
-                ends = corners[:, cell.between]
-                chords = points[np.concatenate([ends, middles[..., None]], axis=2)]
-                bow = CELLS[1, 2].bends(chords, SAME)[:, :, 0]
+                bow = _bows(points, corners[:, cell.between], middles)
             cells.append(corners)
             bows.append(bow)
             element.append(before + np.arange(len(corners)))
         before += len(corners)
     return np.concatenate(cells), np.concatenate(bows), np.concatenate(element)
+
+
+def _bows(points: np.ndarray, ends: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """The bends (n, e, ·) of edges by the nodes at their `ends` (n, e, 2) and in their `middles` (n, e) (m)."""
+    nodes = np.concatenate([ends, middles[..., None]], axis=2)
+    return CELLS[1, 2].bends(points[nodes], SAME)[:, :, 0]
 
 
 def are_bricks(raw, d: int, some: np.ndarray | None) -> bool:
@@ -296,14 +297,11 @@ def _of_kind(raw, kind: str) -> tuple[str, np.ndarray, np.ndarray]:
 def middle_nodes(raw, d: int) -> tuple[np.ndarray, np.ndarray]:
     """The nodes (k,) of a file in the middle of edges of elements of dimension d, and the ends (k, 2) of the edges."""
     triples = []
-    for shape, corners, middles in (
-        _of_kind(raw, kind) for kind, order in KINDS[d].items() if order > 1
-    ):
-        triples.append(
-            np.concatenate(
-                [middles[:, :, None], corners[:, np.array(SIDES[shape])]], axis=2
-            ).reshape(-1, 3)
-        )
+    for kind, order in KINDS[d].items():
+        if order > 1:
+            shape, corners, middles = _of_kind(raw, kind)
+            ends = corners[:, np.array(SIDES[shape])]
+            triples.append(np.concatenate([middles[..., None], ends], axis=2).reshape(-1, 3))
     entries = np.concatenate(triples)
     middles, first = np.unique(entries[:, 0], return_index=True)
     return middles, entries[first, 1:]
