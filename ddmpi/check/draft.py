@@ -12,7 +12,7 @@ import numpy as np
 from ddmpi.check.bolts import Bolt, find_bolts, is_of_shank
 from ddmpi.check.nearby import Boundary, Missing, find_missing, free_name
 from ddmpi.errors import TakenError
-from ddmpi.mesh.alike import Drawn, list_drawn, written
+from ddmpi.mesh.alike import Drawn, list_drawn
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
@@ -96,7 +96,8 @@ def _bodies(parts: Sequence[Drawn], geometry: str) -> tuple[list[dict], list[str
         name = names[part.number] = free_name(_name(part, alone), taken)
         if part.copy:
             of = names[int(part.copy.of)]
-            bodies.append({"name": name, "copy": written(part.copy, of)})
+            copy = msgspec.structs.replace(part.copy, of=of)
+            bodies.append({"name": name, "copy": {"of": of} | msgspec.to_builtins(copy)})
             words.append(f"  part {part.number}: {name}, a copy of {of}")
             continue
         size = float(f"{part.extent / FINE:.1g}")

@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
 
 from ddmpi.mesh.boundary import extent
@@ -194,12 +193,3 @@ def _lie_on(gmsh, points: np.ndarray, face: int, near: float) -> bool:
         if away > near:
             return False
     return True
-
-
-def written(copy: Copy, of: str) -> dict:
-    """The entries of a copy of a body in a scene."""
-    return {"of": of} | {
-        key: list(value) if isinstance(value, tuple) else value
-        for key, value in msgspec.structs.asdict(copy).items()
-        if key != "of" and value is not None
-    }
