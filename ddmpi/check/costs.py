@@ -5,8 +5,6 @@ runs of the gallery and of larger bodies, over the speeds of this machine, which
 before how many iterations it takes: the outer method has a range, in which nine of ten scenes are.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import shlex

@@ -1,7 +1,5 @@
 """Clamps, loads and temperatures of the bodies of a deck, and the histories that they follow."""
 
-from __future__ import annotations
-
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from functools import cached_property

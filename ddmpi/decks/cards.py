@@ -1,8 +1,6 @@
 """The keywords of an Abaqus or CalculiX deck, with their parameters and data lines, parts where they are used; the
 words for elements, with the corners around their faces and at their edges; and loads, contacts and rigid sets."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import os

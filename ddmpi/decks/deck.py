@@ -1,7 +1,5 @@
 """What a deck says of meshes: nodes, elements, sets and surfaces, of all parts or of one."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence

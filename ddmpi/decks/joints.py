@@ -1,7 +1,5 @@
 """What joins the bodies of a deck: contacts and ties, and the sections of bolts."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property

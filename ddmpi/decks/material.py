@@ -1,7 +1,5 @@
 """The materials of a body of a deck."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What a deck says beside its mesh: materials, contacts, and loads and supports over the time of its steps."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Sequence

@@ -3,8 +3,6 @@
 Sets with one reference node are one rigid body, whatever keywords and however many bodies they are of.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any

@@ -1,7 +1,5 @@
 """The scene of a deck: bodies with materials, clamps and loads, contacts, histories; and `ddmpi import`."""
 
-from __future__ import annotations
-
 import os
 from collections import defaultdict
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The bodies of a drawing, and which of them are others elsewhere: equal up to a rigid motion, and no mirror images."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple

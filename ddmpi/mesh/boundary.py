@@ -1,7 +1,5 @@
 """Groups of a mesh, a mesh file and a drawing by name; facets on a boundary: direction, pieces, creases."""
 
-from __future__ import annotations
-
 import functools
 import re
 from collections.abc import Collection, Sequence

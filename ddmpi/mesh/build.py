@@ -1,7 +1,5 @@
 """The mesh of a body by its scene: generated, read or drawn, refined, and raised to the order."""
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import os

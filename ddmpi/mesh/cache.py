@@ -4,8 +4,6 @@ A mesh is kept as gmsh wrote it. Its name is a digest of all that it depends on,
 both with a key that this account alone has: a folder that comes from others has no mesh that is believed.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import json

@@ -3,8 +3,6 @@
 A .geo is a program. gmsh gets a copy of it, in a folder of its own, in which nothing starts programs or writes files.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import re

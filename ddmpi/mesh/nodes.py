@@ -3,8 +3,6 @@
 Meshio takes a number below the first one for a node counted from the end, and of two nodes of one number the last.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Mesh files: read through meshio; versions of MSH that it cannot read are converted by gmsh first."""
 
-from __future__ import annotations
-
 import copy
 import re
 import shutil

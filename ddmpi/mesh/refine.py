@@ -1,7 +1,5 @@
 """Finer meshes, sizes of their elements, meshes of order 2, and other cells cut into simplices."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

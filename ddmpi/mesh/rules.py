@@ -1,7 +1,5 @@
 """Rules of quadrature on simplices and their products."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import permutations
 

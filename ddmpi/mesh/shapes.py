@@ -1,8 +1,6 @@
 """Meshes of simple shapes: grids of cells, cut into triangles or tetrahedra, and the positions of their nodes; balls
 and cylinders, which gmsh meshes."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import permutations

@@ -1,7 +1,5 @@
 """Mistakes of a whole scene: tables that are right by themselves and do not go together, each in a sentence."""
 
-from __future__ import annotations
-
 import unicodedata
 from collections import Counter
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Types of one contact, with its sides and laws, and of rigid partners, which are surfaces."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args

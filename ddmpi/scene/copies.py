@@ -1,7 +1,5 @@
 """Copies: bodies that take mesh and material from another one."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

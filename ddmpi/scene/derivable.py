@@ -1,7 +1,5 @@
 """The keys of a scene by which its answer can be differentiated."""
 
-from __future__ import annotations
-
 import difflib
 import re
 

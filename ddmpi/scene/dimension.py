@@ -1,7 +1,5 @@
 """Whether a scene is in the plane or in space, and what in it belongs to the other dimension."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Formulas in the coordinates, such as ``-6e7 * (1 + x/3)``: an interpreter of numbers, operators and functions."""
 
-from __future__ import annotations
-
 import ast
 import functools
 import operator

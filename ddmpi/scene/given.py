@@ -1,7 +1,5 @@
 """Meshes that a program gives as arrays, or of meshio: a scene names them in the place of files."""
 
-from __future__ import annotations
-
 import copy
 import hashlib
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Keys of a scene as users write them: KEY=VALUE after ``--set``, and entries of lists by name or number."""
 
-from __future__ import annotations
-
 import tomllib
 from collections.abc import Iterator
 from typing import Any

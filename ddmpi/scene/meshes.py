@@ -1,7 +1,5 @@
 """Types of the mesh of one body: a shape, a file, or a geometry."""
 
-from __future__ import annotations
-
 from itertools import product
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """Mistakes in scenes, in words: a message names the key, and what would have been right."""
 
-from __future__ import annotations
-
 import math
 import re
 import tomllib

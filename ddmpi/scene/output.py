@@ -1,7 +1,5 @@
 """Types of the output: files, pictures and checkpoints, and the units in their words."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Annotated, Literal
 

@@ -1,7 +1,5 @@
 """What a scene may ask for of PETSc and of Python: options and code that reach beyond it are refused."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from ddmpi.errors import InputError

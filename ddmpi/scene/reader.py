@@ -1,7 +1,5 @@
 """Reading a scene: TOML text and ``--set`` to a settled scene, or one InputError with file and key; and writing it."""
 
-from __future__ import annotations
-
 import json
 import os
 import re

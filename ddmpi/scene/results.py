@@ -1,7 +1,5 @@
 """The names of results: those that have gradients, and those whose errors are told."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from math import comb

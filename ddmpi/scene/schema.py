@@ -1,7 +1,5 @@
 """The JSON schema of a scene, for editors; and docstrings as data, from which the schema has its words."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from inspect import cleandoc

@@ -1,7 +1,5 @@
 """Types of values: names, numbers with limits, functions of the coordinates; and tables of them."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
