@@ -251,8 +251,7 @@ class Joints:
             if not found:
                 continue
             heights = np.concatenate(found)
-            sides = np.diff(slave.points[slave.facets[on][:, :2]], axis=1)
-            reach = number(word) if word else 0.05 * float(np.median(np.linalg.norm(sides, axis=2)))
+            reach = number(word) if word else 0.05 * slave.spacing(on)
             near = heights.min(initial=np.inf)
             far = heights.max(initial=0.0)
             if word and near > reach:
@@ -324,9 +323,8 @@ def _touch(piece: Piece, on: np.ndarray, against: np.ndarray, alone: bool) -> bo
     this body only, some nodes lie as near to the others as to their neighbours."""
     if np.intersect1d(on, against).size:
         return False
-    sides = np.diff(piece.points[piece.facets[on][:, :2]], axis=1)
     near = piece.heights(on, piece, against).min(initial=np.inf)
-    return alone or bool(near <= np.median(np.linalg.norm(sides, axis=2)))
+    return alone or bool(near <= piece.spacing(on))
 
 
 def _image(wheel: Card, slave: np.ndarray, master: np.ndarray) -> dict[str, Any]:

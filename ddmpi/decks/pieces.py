@@ -44,6 +44,11 @@ def split(blocks: Sequence[Block], rows: np.ndarray) -> list[list[Block]]:
     ]
 
 
+def elements_of(blocks: Sequence[Block]) -> np.ndarray:
+    """The numbers (k,) of all elements."""
+    return np.concatenate([block.entries[:, 0] for block in blocks])
+
+
 def rows_of(blocks: Sequence[Block]) -> np.ndarray:
     """The nodes (k, n) of all elements, −1 where there are fewer."""
     widest = max(block.entries.shape[1] for block in blocks)
@@ -86,10 +91,7 @@ def cut(
     The rows, and the nodes at the section and around the layer. The nodes have `numbers` (m,) and `points` (m, d).
     """
     nodes = nodes_of_faces(blocks, ends)
-    layer = np.isin(
-        np.concatenate([block.entries[:, 0] for block in blocks]),
-        [element for element, _ in ends],
-    )
+    layer = np.isin(elements_of(blocks), [element for element, _ in ends])
     section = np.unique(nodes[nodes >= 0])
     if not layer.any():
         return rows, section, np.empty(0, int)
@@ -159,7 +161,7 @@ class Piece:
     ) -> None:
         self.name = name
         self.blocks = blocks
-        self.elements = np.concatenate([block.entries[:, 0] for block in blocks])
+        self.elements = elements_of(blocks)
         self.nodes = np.unique(np.concatenate([block.entries[:, 1:].ravel() for block in blocks]))
         self.points = points[np.searchsorted(numbers, self.nodes)]
         self.groups: dict[str, np.ndarray] = {}
@@ -268,6 +270,11 @@ class Piece:
         """(d,) the mean of the nodes of these facets."""
         nodes = np.unique(self.facets[facets])
         return self.points[nodes[nodes >= 0]].mean(axis=0)
+
+    def spacing(self, facets: np.ndarray) -> float:
+        """The median length of the first sides of these facets."""
+        sides = np.diff(self.points[self.facets[facets][:, :2]], axis=1)
+        return float(np.median(np.linalg.norm(sides, axis=2)))
 
     def heights(self, facets: np.ndarray, master: Piece, against: np.ndarray) -> np.ndarray:
         """(k,) distances of the nodes of these facets from the facets `against` of the master below or above them."""

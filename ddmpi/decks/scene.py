@@ -15,7 +15,7 @@ from ddmpi.decks.equations import Equations
 from ddmpi.decks.joints import Joints
 from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
-from ddmpi.decks.pieces import Cut, Piece, cut, own_name, rows_of, split
+from ddmpi.decks.pieces import Cut, Piece, cut, elements_of, own_name, rows_of, split
 from ddmpi.decks.rigid import RigidSets
 from ddmpi.errors import InputError, TakenError
 from ddmpi.scene.reader import read_scene, write_toml
@@ -93,7 +93,7 @@ class Importer:
         pieces: list[Piece] = []
         sets = self._element_sets()
         for own in split(blocks, rows):
-            elements = frozenset(np.concatenate([block.entries[:, 0] for block in own]).tolist())
+            elements = frozenset(elements_of(own).tolist())
             named = sets.get(elements) or f"part{len(pieces) + 1}"
             name = own_name(named, [piece.name for piece in pieces])
             pieces.append(Piece(name, own, numbers, points))
