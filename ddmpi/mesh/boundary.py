@@ -223,12 +223,17 @@ def curve_bend(gmsh, tag: int) -> tuple[float, float]:
     ).max() / length.mean(), length.sum()
 
 
+def parameters(gmsh, tag: int, parts: np.ndarray) -> np.ndarray:
+    """The parameters (n, 2) of places on a face, as `parts` (n, 2) from 0 to 1 of their ranges."""
+    low, high = gmsh.model.getParametrizationBounds(2, tag)
+    return np.array(low + parts * (high - low))
+
+
 def face_bend(gmsh, tag: int) -> tuple[float, float]:
     """The curvature of a face (1/m), which at the tip of a cone has no bound, and the face's extent (m)."""
     if gmsh.model.getType(2, tag) == "Plane":
         return 0.0, 0.0
-    low, high = gmsh.model.getParametrizationBounds(2, tag)
-    bends = gmsh.model.getCurvature(2, tag, (low + ACROSS * (high - low)).ravel())
+    bends = gmsh.model.getCurvature(2, tag, parameters(gmsh, tag, ACROSS).ravel())
     return float(np.percentile(np.abs(bends), 75)), extent(gmsh, 2, tag)
 
 
@@ -329,8 +334,7 @@ def _sides_of(cells: np.ndarray, cell: Cell, parts: np.ndarray) -> np.ndarray:
     """(k,) bool, which lines or facets (k, l) are sides or edges of `cells` (nt, c)."""
     size = parts.shape[1]
     of_cells = cells[:, cell.edges if size == 2 else cell.facets].reshape(-1, size)
-    both = np.sort(np.concatenate([of_cells, parts]), axis=1)
-    number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
+    _, number = distinct(np.concatenate([of_cells, parts]))
     return np.isin(number[len(of_cells) :], number[: len(of_cells)])
 
 

@@ -16,6 +16,7 @@ from ddmpi.mesh.boundary import (
     curve_bend,
     extent,
     face_bend,
+    parameters,
     parts_of,
     samples,
     where,
@@ -189,8 +190,7 @@ def _kind(gmsh, k: int, tag: int) -> str:
 
 def _is_cylinder(gmsh, tag: int) -> bool:
     """Whether a face of any kind is a circular cylinder: one principal curvature is constant, and the other one zero."""
-    low, high = gmsh.model.getParametrizationBounds(2, tag)
-    at = (low + _grid(5) * (high - low)).ravel()
+    at = parameters(gmsh, tag, _grid(5)).ravel()
     bends = np.sort(np.abs(gmsh.model.getPrincipalCurvatures(tag, at)[:2]), axis=0)
     near = SAME_PLACE * bends.max()
     return bool(bends[1].min() > 0.0 and bends[0].max() < near and np.ptp(bends[1]) < near)
@@ -223,12 +223,11 @@ def _words(gmsh, k: int, tag: int) -> str:
 
 def inner_points(gmsh, tag: int) -> np.ndarray:
     """Points (n, 3) on a face, within it and at its corners, in an order that does not matter."""
-    low, high = gmsh.model.getParametrizationBounds(2, tag)
-    grid = low + _grid(5) * (high - low)
+    grid = parameters(gmsh, tag, _grid(5))
     within = [at for at in grid if gmsh.model.isInside(2, tag, at, parametric=True)]
     corners = gmsh.model.getBoundary([(2, tag)], recursive=True)
     at = [gmsh.model.getValue(0, corner, []) for _, corner in corners]
-    at += [gmsh.model.getValue(2, tag, parameters) for parameters in within]
+    at += [gmsh.model.getValue(2, tag, place) for place in within]
     return np.reshape(at, (-1, 3))
 
 
@@ -255,8 +254,8 @@ def _normal(gmsh, k: int, tag: int) -> np.ndarray:
     """The outer unit normal (3,) of a plane, else zero."""
     if _kind(gmsh, k, tag) != "plane":
         return np.zeros(3)
-    parameters, at = _inside(gmsh, 2, tag)
-    normal = np.array(gmsh.model.getNormal(tag, parameters))
+    place, at = _inside(gmsh, 2, tag)
+    normal = np.array(gmsh.model.getNormal(tag, place))
     off = SAME_PLACE * extent(gmsh) * normal
     inward = any(
         gmsh.model.isInside(3, solid, at + off) for solid in gmsh.model.getAdjacencies(2, tag)[0]
@@ -274,8 +273,7 @@ def _axis(gmsh, k: int, tag: int) -> np.ndarray:
         return (middle + radius * inward / np.linalg.norm(inward))[None]
     if kind not in ("cylinder", "sphere"):
         return np.empty((0, 3))
-    low, high = gmsh.model.getParametrizationBounds(2, tag)
-    grid = (low + np.indices((3, 3)).reshape(2, -1).T / 2 * (high - low)).ravel()
+    grid = parameters(gmsh, tag, np.indices((3, 3)).reshape(2, -1).T / 2).ravel()
     at = np.reshape(gmsh.model.getValue(2, tag, grid), (-1, 3))
     normal = np.reshape(gmsh.model.getNormal(tag, grid), (-1, 3))
     # of a hollow one the outer normals point to it
