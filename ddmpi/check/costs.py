@@ -33,26 +33,43 @@ COSTS = "costs.json"
 PHASES = ("start", "mesh", "assembly", "factors", "outer", "recovery", "errors", "output")
 """Recovery includes the estimate of the discretization error and the warnings of the answer."""
 
-REFERENCE, STREAM = (4.7e-3, 60e9, 40e9), 8e9
+REFERENCE = 4.7e-3, 60e9, 40e9
 """Speeds of the machine of the fits: seconds of `_count`, operations a second of a product of matrices, bytes a second
-of a sum, and those of products with factors and dense matrices."""
+of a sum."""
+
+STREAM = 8e9
+"""Its bytes a second of products with factors and dense matrices."""
 
 GROWTH = {2: 1.5, 3: 2.0}
-FACTOR, CONDENSE, EASY = {2: 10.0, 3: 20.0}, 1.1, 0.75
-"""By dimension operations of factors over n to the power of their growth, of C over k³, and their speed over that of a
-product."""
+FACTOR = {2: 10.0, 3: 20.0}
+"""By dimension operations of factors over n to the power of their growth."""
+
+CONDENSE = 1.1
+"""Operations of C over k³."""
+
+EASY = 0.75
+"""Speed of factors over that of a product."""
 
 EACH = {2: 2.5e-6, 3: 8e-6}, {2: 2.2e-6, 3: 7e-6}
 """By dimension seconds for each dof to order and to factor it, and to recover displacements and the error."""
 
-NODE, CELL = {2: 150.0, 3: 190.0}, {2: 95.0, 3: 105.0}
-"""By dimension bytes of the fields of a load step for each node and each cell."""
+NODE = {2: 150.0, 3: 190.0}
+"""By dimension bytes of the fields of a load step for each node."""
 
-WORK, FAR = {2: 1000.0, 3: 300.0}, 3.5e3
-"""By dimension bytes for each dof while errors are estimated and files written, and beyond them if bodies move far."""
+CELL = {2: 95.0, 3: 105.0}
+"""The same for each cell."""
 
-FIRST, NEXT = (12.0, 300.0), (1.2, 46.0)
-"""Products with the compliances, from a tenth to nine tenths of scenes: of the first load step, and of each after it."""
+WORK = {2: 1000.0, 3: 300.0}
+"""By dimension bytes for each dof while errors are estimated and files written."""
+
+FAR = 3.5e3
+"""Bytes for each dof beyond these if bodies move far."""
+
+FIRST = 12.0, 300.0
+"""Products with the compliances, from a tenth to nine tenths of scenes, of the first load step."""
+
+NEXT = 1.2, 46.0
+"""The same of each load step after it."""
 
 FEW = 20.0, 120.0
 """Of the first step where bodies have multigrid: models of their compliances save products."""
@@ -222,9 +239,17 @@ def forecast(assembly: Assembly, measured: Mapping[str, float], drawn: bool) -> 
     return Costs(memory, slowest, _disk(scene, every) + PICTURE * sum(pictures))
 
 
-CHECKED, PICTURED, FRAME, PICTURE = 40 * MIB, 100 * MIB, 1.5e6, 0.15e6
-"""Memory of the modules of a check alone, of matplotlib with its figures, and of each picture of an animation (bytes);
-the file of a picture."""
+CHECKED = 40 * MIB
+"""Memory of the modules of a check alone (bytes)."""
+
+PICTURED = 100 * MIB
+"""Memory of matplotlib with its figures (bytes)."""
+
+FRAME = 1.5e6
+"""Memory of each picture of an animation (bytes)."""
+
+PICTURE = 0.15e6
+"""The file of a picture (bytes)."""
 
 
 def _held(scene: Settled, loads: Sequence[Load]) -> float:
@@ -345,13 +370,23 @@ def _factor(load: Load, speed: Speed) -> float:
     )
 
 
-MEET, SHOW = {2: 0.05, 3: 0.8}, {2: 6e-6, 3: 2e-5}
-"""By dimension seconds in which bodies that move far meet in a load step, and to show a dof in an animation."""
+MEET = {2: 0.05, 3: 0.8}
+"""By dimension seconds in which bodies that move far meet in a load step."""
+
+SHOW = {2: 6e-6, 3: 2e-5}
+"""By dimension seconds to show a dof in an animation."""
 
 PLAIN = 0.5  # operations of factors without C over those with it
-SETUP, CYCLE, SOLVE = 1.9e-7, 4.2e-11, {2: 2.5, 3: 1.0}
-"""Seconds of multigrid for each entry of A, to set it up, and for a power of their number, of a solve to the precision of
-the outer method, which takes more iterations on finer meshes; and by dimension how often a solve reads factors."""
+
+SETUP = 1.9e-7
+"""Seconds for each entry of A to set multigrid up."""
+
+CYCLE = 4.2e-11
+"""Seconds of a solve by multigrid for a power of the number of entries, to the precision of the outer method, which takes
+more iterations on finer meshes."""
+
+SOLVE = {2: 2.5, 3: 1.0}
+"""By dimension how often a solve reads factors."""
 
 
 def _solve(load: Load, speed: Speed) -> float:

@@ -40,14 +40,18 @@ from ddmpi.surface.side import nodal
 from ddmpi.system.files import LONGEST, writing
 from ddmpi.system.numbers import scaled_unit
 
-PLACES, ARROW = 16, 0.08
-"""Approximate number of loads and clamps along the bodies' extent, and the length of the longest arrow over it."""
+PLACES = 16
+"""Approximate number of loads and clamps along the bodies' extent."""
+
+ARROW = 0.08
+"""The length of the longest arrow over it."""
 
 GROUPS = ("#7fa8d1", "#e3b272", "#c4a8dc", "#d9cf7a", "#a9b8c6", "#c9a184", "#8f9bd9", "#e6b3cf")
 """Colours of groups, by name: none is near the green of clamps or the red of loads."""
 
 MARKERS = "s^>DoPv*ph"  # markers of the kinds of supports
-HELD, MISSING = "#1f6f4a", "#e00000"  # colours of clamps and of missing contacts
+HELD = "#1f6f4a"  # colour of clamps
+MISSING = "#e00000"  # colour of missing contacts
 SPACED = 4.0  # edges of cells are drawn if on all bodies half of them are so many pixels from the opposite corner
 DRAWN = 24  # the numbers are not drawn of more bodies, as each takes two pictures
 EDGEWISE = 0.1  # facets are not numbered whose normal points less to the eye

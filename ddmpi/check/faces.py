@@ -14,8 +14,11 @@ from ddmpi.system.numbers import in_words
 SQUARE = ("", "", "²")
 """The powers of the unit of length of lengths and areas, by the dimension of what has them."""
 
-FLAT, ROUND = 1e-6, 2e-3
-"""Normals of a plane differ by at most the first; points of a round face are off by at most the second times its radius."""
+FLAT = 1e-6
+"""Normals of a plane differ by at most this."""
+
+ROUND = 2e-3
+"""Points of a round face are off by at most this part of its radius."""
 
 
 @dataclass(frozen=True)

@@ -25,9 +25,11 @@ from ddmpi.surface.side import nodal, unit
 from ddmpi.system.files import write_page
 from ddmpi.system.numbers import ALIKE, scaled_unit
 
-MOST, FINEST = 150_000, 400.0
-"""Most triangles of a page. Where there are more, corners in one cube of a grid become one; along the bodies' extent there
-are at first so many cubes."""
+MOST = 150_000
+"""Most triangles of a page. Where there are more, corners in one cube of a grid become one."""
+
+FINEST = 400.0
+"""So many cubes are at first along the bodies' extent."""
 
 ROLES = {
     "free": "#e6e9ed",

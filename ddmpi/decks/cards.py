@@ -518,8 +518,11 @@ def read_cards(path: Path) -> list[Card]:
     return cards
 
 
-INCLUDED, DEEPEST = 1000, 50
-"""How often a deck may include files, and how deep: a few files that include each other twice would have no end."""
+INCLUDED = 1000
+"""How often a deck may include files: a few files that include each other twice would have no end."""
+
+DEEPEST = 50
+"""How deep files may be included within each other."""
 
 
 def _lines(path: Path, within: tuple[Path, ...], read: list[Path]) -> list[tuple[int, str]]:

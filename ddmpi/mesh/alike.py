@@ -18,8 +18,11 @@ EQUAL = 1e-6
 TRIED = 1000
 """Rotations that are tried for two solids, at most: more are those of a solid with very many equal faces."""
 
-DEGREES, DIGITS = 9, 10
-"""Decimals of angles, and of places over the extent: rounding in a drawing has more."""
+DEGREES = 9
+"""Decimals of angles: rounding in a drawing has more."""
+
+DIGITS = 10
+"""The same of places over the extent."""
 
 
 class Drawn(NamedTuple):

@@ -73,8 +73,11 @@ NEAR = 2.0
 TOO_MANY = 2e7
 """More cells of a body mean a size in other units than the drawing; gmsh would take minutes and all memory."""
 
-FILLED, TINY = 0.01, 1e-6
-"""Fraction of its box that a thin solid fills; curves below this fraction of the drawing, as at poles, are straight."""
+FILLED = 0.01
+"""Fraction of its box that a thin solid fills."""
+
+TINY = 1e-6
+"""Curves below this fraction of the drawing, as at poles, are straight."""
 
 SHELL = 1e-4
 """A face is in a plane z = … if its box is flatter than this fraction of the drawing; gmsh's boxes are a little wide."""
