@@ -516,19 +516,17 @@ CELLS, BRICKS = (
 )
 """Simplices, and products of lines, by dimension and order."""
 
-_WITH: dict[tuple[int, int | None, str], Cell] = {
+_WITH = {
     (len(cell.nodes), d, integration): cell if cells is CELLS else _integrated(cell, integration)
     for cells in (BRICKS, CELLS)
-    for d in (None, 1, 2, 3)
-    for (dimension, _), cell in cells.items()
+    for (d, _), cell in cells.items()
     for integration in ("full", "modes", "reduced")
-    if d in (None, dimension)
 }
 
 
-def cell_with(number: int, dimension: int | None = None, integration: str = "full") -> Cell:
-    """The cell with this number of nodes, of a dimension or else, a simplex if there is one, of the largest; if it is a
-    brick, of order 1 with "modes" or of order 2 with "reduced" integration."""
+def cell_with(number: int, dimension: int, integration: str = "full") -> Cell:
+    """The cell with this number of nodes, of a dimension; if it is a brick, of order 1 with "modes" or of order 2 with
+    "reduced" integration."""
     return _WITH[number, dimension, integration]
 
 

@@ -309,16 +309,12 @@ def bare(mesh: Mesh) -> Mesh:
     )
 
 
-def boundary_facets(
-    cells: np.ndarray, dimension: int | None = None
-) -> tuple[np.ndarray, np.ndarray]:
+def boundary_facets(cells: np.ndarray, dimension: int) -> tuple[np.ndarray, np.ndarray]:
     """The facets (f, l) that belong to only one of the cells (nt, k), turned outward, and their cells (f,)."""
     return _facets(cells, dimension)[0]
 
 
-def _facets(
-    cells: np.ndarray, dimension: int | None
-) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+def _facets(cells: np.ndarray, dimension: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
     """What `boundary_facets` gives, and the pairs (i, 2) of cells that have a facet in common."""
     cell = cell_with(cells.shape[1], dimension)
     facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])

@@ -308,7 +308,7 @@ def sharp_edges(at: np.ndarray, facets: np.ndarray, silhouette: bool = False) ->
 def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Edges (e, 2) where cells (c, 3) between `points` end, and the cell (e,) of each. Within a surface, too, there are
     cells with points of others along their edges: an edge is none of the rim if its middle lies on another one."""
-    edges, owner = boundary_facets(cells)
+    edges, owner = boundary_facets(cells, 2)
     ends = points[edges]
     middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
