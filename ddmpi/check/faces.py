@@ -48,7 +48,7 @@ def pieces_of(body: str, boundary: Boundary) -> list[Piece]:
     member = np.array([boundary.groups[name] for name in simple], bool)
     member = member.reshape(len(simple), len(boundary.facets))
     size = dict(zip(simple, member.sum(axis=1), strict=True))
-    bits = np.packbits(member, axis=0).T if simple else np.zeros((len(boundary.facets), 1), int)
+    bits = np.packbits(member, axis=0).T
     if not member.any(axis=0).all():
         smooth = _smooth(boundary, ~member.any(axis=0))
         bits = np.column_stack([bits, smooth.astype(">u4").view(np.uint8).reshape(-1, 4)])
