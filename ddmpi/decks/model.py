@@ -179,6 +179,7 @@ class Model:
         )
 
     def _nodes(self, card: Card, what: str) -> set[int]:
+        """The nodes of a set, or of a number, that a keyword names. Raises InputError."""
         with card.reading():
             return self.deck.chosen(card, "NSET", what)
 
@@ -427,14 +428,14 @@ class Model:
     def _on_friction(self, card: Card) -> None:
         if self._within != "CHANGEFRICTION":
             self._keep(card, "SURFACE INTERACTION")
-        if not card.rows or number(entry(card.rows[0], 0, "0")) < 0.0:
+        if not card.rows or (coefficient := number(entry(card.rows[0], 0, "0"))) < 0.0:
             raise DeckError("it needs a coefficient of friction, which is not negative")
         if len(card.rows) > 1:
             self.notes.add("lost", card, "friction other than Coulomb's with one coefficient")
         if any(card.values()[1:2]):
             self.notes.add("changed", card, "the stick slope is dropped: nodes stick without slip")
         if self._within == "CHANGEFRICTION":
-            self.rubbing[self._changed][len(self.ends)] = number(entry(card.rows[0], 0, "0"))
+            self.rubbing[self._changed][len(self.ends)] = coefficient
             self.notes.add("changed", card, "friction goes to this coefficient over the step")
 
     def _on_changefriction(self, card: Card) -> None:
@@ -540,7 +541,7 @@ class Model:
 
     def _on_boundary(self, card: Card) -> None:
         self._renew("supports", card)
-        fixed = set().union(*(self.deck.chosen(card, "NSET", row[0]) for row in card.rows))
+        fixed = set().union(*(self._nodes(card, row[0]) for row in card.rows))
         if "FIXED" in card.given and fixed <= self.bolt_nodes and self.ends:
             self.locked |= dict.fromkeys(fixed, self.ends[-1])
             return
@@ -550,7 +551,7 @@ class Model:
             )
             return
         for row in card.rows:
-            for node in self.deck.chosen(card, "NSET", row[0]):
+            for node in self._nodes(card, row[0]):
                 self._hold(card, node, *held(row))
         self.notes.add("taken", card, "clamps")
 
@@ -573,14 +574,15 @@ class Model:
     def _on_cload(self, card: Card) -> None:
         self._renew("forces", card)
         for row in card.rows:
-            for node in self.deck.chosen(card, "NSET", row[0]):
-                if component(row[1]) > (6 if node in self._refs else 3):
+            for node in self._nodes(card, row[0]):
+                way = component(row[1])
+                if way > (6 if node in self._refs else 3):
                     if number(entry(row, 2, "0")):
                         self.notes.add("lost", card, "moments at nodes")
-                elif node in self.bolt_nodes and component(row[1]) > 1 and number(row[2]):
+                elif node in self.bolt_nodes and way > 1 and number(row[2]):
                     self.notes.add("lost", card, "a pre-tension has the component 1 alone")
                 else:
-                    self._add("forces", (node, component(row[1])), card, number(row[2]))
+                    self._add("forces", (node, way), card, number(row[2]))
 
     def _on_dload(self, card: Card) -> None:
         surface = card.word == "DSLOAD"
@@ -645,7 +647,7 @@ class Model:
     def _on_rigidbody(self, card: Card) -> None:
         nodes = set().union(
             *(
-                self.deck.chosen(card, "NSET", card.given[key])
+                self._nodes(card, card.given[key])
                 for key in ("NSET", "TIENSET")
                 if key in card.given
             )
@@ -697,7 +699,7 @@ class Model:
 
     def _equate(self, card: Card, terms: Sequence[tuple[str, int, float]]) -> None:
         """An equation between single nodes, or one for each node of sets of equally many."""
-        nodes = [sorted(self.deck.chosen(card, "NSET", what)) for what, *_ in terms]
+        nodes = [sorted(self._nodes(card, what)) for what, *_ in terms]
         most = max(map(len, nodes))
         if {*map(len, nodes)} - {1, most}:
             raise DeckError("it has sets of different sizes")
@@ -722,7 +724,7 @@ class Model:
                 for k in (1, 2, 3):
                     self._equate(card, [(what, k, 1.0), (others[0], k, -1.0)])
             elif kind.upper() == "BEAM":
-                beams[self.node(card, others[0])] |= self.deck.chosen(card, "NSET", what)
+                beams[self.node(card, others[0])] |= self._nodes(card, what)
             else:
                 self.notes.add("lost", card, f"{kind.upper()}: of these BEAM, PIN and TIE are read")
         self.rigid += [Rigid(card, nodes, ref, ref) for ref, nodes in beams.items()]
@@ -734,7 +736,7 @@ class Model:
             self.notes.add("lost", card, "temperatures of a file or a routine")
             return
         for row in card.rows:
-            nodes = self.deck.chosen(card, "NSET", row[0])
+            nodes = self._nodes(card, row[0])
             self._fresh["heat"] |= dict.fromkeys(nodes, (card, number(row[1])))
             self.heated.append((card, nodes))
 
@@ -743,4 +745,4 @@ class Model:
             self.notes.add("lost", card, f"initial {card.given['TYPE'].lower()}")
             return
         for row in card.rows:
-            self.start |= dict.fromkeys(self.deck.chosen(card, "NSET", row[0]), number(row[1]))
+            self.start |= dict.fromkeys(self._nodes(card, row[0]), number(row[1]))
