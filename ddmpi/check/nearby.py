@@ -269,7 +269,6 @@ def find_missing(
     boundaries = {name: body.cut for name, body in boundaries.items()}
     bodies = list(boundaries.values())
     names = [*boundaries, *(surface.name for surface in rigid)]
-    number = {name: k for k, name in enumerate(names)}
     nearest = _Nearest(bodies)
     for k in range(len(bodies)):
         nearest.look_at(k)
@@ -277,8 +276,9 @@ def find_missing(
         body, on = contact.bodies
         if on not in boundaries:
             own = np.flatnonzero(boundaries[body].groups[contact.on[0]])
-            some = nearest.starts[number[body]] + own
-            nearest.look_at_rigid(number[on], rigid[number[on] - len(bodies)], some)
+            some = nearest.starts[names.index(body)] + own
+            k = names.index(on)
+            nearest.look_at_rigid(k, rigid[k - len(bodies)], some)
     for k, surface in enumerate(rigid, len(bodies)):
         nearest.look_at_rigid(k, surface)
     for k in range(len(bodies)):
