@@ -212,7 +212,13 @@ def diagnose(
             "there may be none near the first guess"
         )
     if precision:
-        return "\n  ".join([*lines, *_of_precision(*precision)])
+        body, tolerance = precision
+        lines += [
+            f"double precision is the reason: {body} yields so much more when it bends than at its contacts that no more "
+            "is known of its gaps",
+            f"try: method.tolerance = {1.5 * tolerance:.1e}, the least that double precision allows here",
+        ]
+        return "\n  ".join(lines)
     fits = fitting(able, stopped, history, factor, log)
     advice = (
         "a larger method.tolerance; double precision allows no smaller one"
@@ -222,12 +228,3 @@ def diagnose(
     if advice:
         lines.append(f"try: {advice}")
     return "\n  ".join(lines)
-
-
-def _of_precision(body: str, tolerance: float) -> list[str]:
-    """That the rounding of a body is the reason, and what to try."""
-    return [
-        f"double precision is the reason: {body} yields so much more when it bends than at its contacts that no more is "
-        "known of its gaps",
-        f"try: method.tolerance = {1.5 * tolerance:.1e}, the least that double precision allows here",
-    ]

@@ -74,11 +74,7 @@ class Singular(NamedTuple):
 
 
 def boundary_of(mesh: Mesh) -> tuple[np.ndarray, Creases]:
-    """The straight facets (f, d) of a mesh, and the creases between them. Not collective."""
-    return mesh.once(_boundary)
-
-
-def _boundary(mesh: Mesh) -> tuple[np.ndarray, Creases]:
+    """The straight facets (f, d) of a mesh, and the creases between them; for `Mesh.once`. Not collective."""
     facets = mesh.once(as_drawn).facets
     outward = mesh.points[facets[:, 0]] - mesh.points[facets[:, -1]]
     return facets[:, :-1], creases(mesh.points, facets[:, :-1], outward)
@@ -101,7 +97,7 @@ def ends_of(
     Where the facet beside is clamped or on another contact, as at a plane of symmetry, nothing is known of the stress.
     """
     mesh = body.mesh
-    facets, bends = boundary_of(mesh)
+    facets, bends = mesh.once(boundary_of)
     clamped = clamps_of(body)
     groups = {
         (contact.name, side): mesh.facets(contact.on[side]).nodes for contact, side in contacts
@@ -160,7 +156,7 @@ def _held(body: Body) -> np.ndarray:
     """(3, c) bool, at which creases of the boundary one of both facets is clamped, clamped in all directions, and along
     its normal, as a plane of symmetry. A facet is clamped if it belongs to a clamp's group: clamps of the faces around a
     free one may constrain all its nodes. Not collective."""
-    clamps, (facets, bends) = clamps_of(body), boundary_of(body.mesh)
+    clamps, (facets, bends) = clamps_of(body), body.mesh.once(boundary_of)
     if not clamps:
         return np.zeros((3, len(bends.turn)), bool)
     clamped = within(body.mesh, facets, clamps)[bends.facets]
@@ -180,7 +176,7 @@ def ends_of_clamps(body: Body) -> np.ndarray:
     one, fixed, mirror = _held(body)
     if not one.any():
         return one
-    (facets, bends), material = boundary_of(body.mesh), body.material
+    (facets, bends), material = body.mesh.once(boundary_of), body.material
     stress = isinstance(material, Material) and material.plane == "stress"
     least = np.full(len(one), np.pi - SHARPEST)
     least[mirror] = 0.5 * (np.pi + SHARPEST)
@@ -371,7 +367,7 @@ def unbounded(assembly: Assembly, edges: Edges) -> set[str]:
         found[f"contacts.{name}.pressure_max"] = len(singular.places) > 0
     for body in assembly.bodies:
         name, mesh = body.spec.name, body.mesh
-        _, bends = boundary_of(mesh)
+        _, bends = mesh.once(boundary_of)
         touching = np.zeros(len(mesh.points), bool)
         for interface in body.member.interfaces:
             rubs = not interface.law.frictionless

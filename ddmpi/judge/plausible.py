@@ -211,7 +211,10 @@ def _of_contacts(
         warnings += _held_through_air(state, LIMIT["idle"] * most, assembly.scene.units["length"])
         # What contacts that carry next to nothing say of their forces is noise.
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= LIMIT["idle"] * pressed:
-            warnings += _of_forces(assembly, state, largest)
+            # a finer mesh resolves no rounding
+            rounding = [*_lost_in_rounding(state, largest, assembly.scene.units)]
+            few = _few_nodes if assembly.frames else _unresolved_zone
+            warnings += rounding or few(state)
         if warnings:
             found[name] = warnings
     return found
@@ -423,7 +426,7 @@ def _singular(
     """A warning where the largest of the stresses (nt,) of a body is at a re-entrant corner (in space an edge), at one
     of the `edges` of its contacts, or where a clamp ends."""
     mesh = body.mesh
-    points, (_, bends) = mesh.points, boundary_of(mesh)
+    points, (_, bends) = mesh.points, mesh.once(boundary_of)
     largest = stress >= (1.0 - SAME) * stress.max()
     if largest.all():  # a constant stress grows nowhere
         return []
@@ -455,13 +458,6 @@ def _singular(
                 )
             ]
     return []
-
-
-def _of_forces(assembly: Assembly, state: ContactState, moved: float) -> list[str]:
-    """Warnings of forces that rounding of displacements up to `moved` (m) decides, else of pressures on too few nodes: a
-    finer mesh resolves no rounding."""
-    rounding = [*_lost_in_rounding(state, moved, assembly.scene.units)]
-    return rounding or [*(_few_nodes(state) if assembly.frames else _unresolved_zone(state))]
 
 
 def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str]) -> Iterator[str]:

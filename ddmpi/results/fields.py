@@ -1,6 +1,6 @@
 """Fields of all bodies in result.h5."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -19,7 +19,7 @@ from ddmpi.scene.given import CELLS
 from ddmpi.surface.curve import in_order
 from ddmpi.surface.outline import Outline
 from ddmpi.system.agreement import gathered
-from ddmpi.system.files import write_rows
+from ddmpi.system.files import Part, write_rows
 from ddmpi.system.numbers import Frame
 
 Datasets = Mapping[str, np.ndarray]  # the data of a body or a contact in result.h5, by name
@@ -180,18 +180,18 @@ def write_fields(
         "": {number: _datasets_of(fields, number) for number, fields in bodies.items()},
         f"{SURFACES}/": contacts or {},
     }
-    arrays: dict[str, list[np.ndarray]] = {}
-    places: dict[str, tuple[Sequence[int], int]] = {}
+    parts = dict[str, Part]()
     spans = dict[int | str, np.ndarray]()
     for group, entries in everything.items():
         rows = _rows(entries, world)
         spans |= {key: np.array([own.first, own.number]) for key, own in rows.items()}
-        for name, pieces, at in _pieces(entries, rows):
+        for name, part in _parts(entries, rows):
             if step is None or name in AT_STEPS or (group and tables):
-                arrays[group + name], places[group + name] = pieces, at
-    for name, table in _of_tables(tables or {}, spans).items():
-        arrays[name], places[name] = [table], ([0], len(table))
-    write_rows(path / "result.h5", arrays, places, world, None if step is None else group_of(step))
+                parts[group + name] = part
+    for name, table in (tables or {}).items():
+        for key, data in {**table, "span": spans[name]}.items():
+            parts[f"contacts/{name}/{key}"] = [data], [0], len(data)
+    write_rows(path / "result.h5", parts, world, None if step is None else group_of(step))
     return gathered(world, spans)
 
 
@@ -251,28 +251,14 @@ def by_kind(cells: np.ndarray, dimension: int) -> Iterator[tuple[Cell, np.ndarra
         yield cell_with(k, dimension), some, cells[some, :k]
 
 
-def _pieces(
-    entries: Mapping[Any, Datasets], rows: Mapping[Any, Rows]
-) -> Iterator[tuple[str, list[np.ndarray], tuple[list[int], int]]]:
-    """The datasets of all entries: name, pieces, and their places as of `write_rows`; cells by the numbers of nodes
-    among all."""
+def _parts(entries: Mapping[Any, Datasets], rows: Mapping[Any, Rows]) -> Iterator[tuple[str, Part]]:
+    """The datasets of all entries by name; cells by the numbers of nodes among all."""
     for name in {name: None for entry in entries.values() for name in entry}:
         own = {key: entry[name] for key, entry in entries.items() if name in entry}
         if name.startswith("cells"):
             own = {key: cells + rows[key].first[0] for key, cells in own.items()}
         found = [rows[key].places(name) for key in own]
-        yield name, list(own.values()), ([first for first, _ in found], found[0][1])
-
-
-def _of_tables(
-    tables: Mapping[str, Datasets], spans: Mapping[int | str, np.ndarray]
-) -> dict[str, np.ndarray]:
-    """The datasets of the tables of contacts, with their spans."""
-    return {
-        f"contacts/{name}/{key}": data
-        for name, table in tables.items()
-        for key, data in {**table, "span": spans[name]}.items()
-    }
+        yield name, (list(own.values()), [first for first, _ in found], found[0][1])
 
 
 def _datasets_of(fields: Fields, body: int) -> dict[str, np.ndarray]:

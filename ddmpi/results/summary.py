@@ -11,7 +11,7 @@ import numpy as np
 
 from ddmpi.interface.state import ContactTotals
 from ddmpi.judge.accuracy import price_in_words
-from ddmpi.judge.bars import Bar, Facts, Measured, bar_of
+from ddmpi.judge.bars import Facts
 from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.judge.equilibrium import Mechanism, describe
 from ddmpi.judge.motions import TURN
@@ -115,7 +115,11 @@ def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: in
     components = np.array([as_float(component) for component in value])
     size = float(np.linalg.norm(components))
     if row.quantity == "force":  # of a fit pressures are in balance by themselves, but for rounding
-        own = _contacts_of(summary, table, name)
+        # beside the contact itself, or those of a body or a rigid partner: those of others may bear far more
+        own = [name]
+        if table != "contacts":
+            contacts = summary["scene"]["contact"]
+            own = [one["name"] for one in contacts if name in one["bodies"]]
         size = max([size, *(as_float(summary["contacts"][one]["normal_force"]) for one in own)])
     components[np.abs(components) < PRECISION * size] = 0.0
     return (
@@ -135,15 +139,6 @@ def quantity_of(result: str) -> str:
     """The quantity of a result, a key of `units`."""
     one = named(result)
     return ROWS[f"{one.kind}.NAME.{'points.POINT.' * bool(one.point)}{one.what}"].quantity
-
-
-def bars_of(
-    summary: Mapping[str, Any], measured: Mapping[str, Measured], unbounded: Collection[str]
-) -> dict[str, Bar]:
-    """The bars of results, from what is known of them by their names, and those that may have no limit on finer meshes.
-    Not collective."""
-    facts = facts_of(summary, measured, unbounded)
-    return {result: bar_of(named(result), measured[result], facts[result]) for result in measured}
 
 
 def facts_of(
@@ -200,13 +195,6 @@ def half_in_words(summary: Mapping[str, Any]) -> str:
         return ""
     dearest = max(prices, key=lambda name: prices[name]["seconds"])
     return f"half of the bar of {dearest}{', the dearest one,' * (len(prices) > 1)} takes {price_in_words(prices[dearest])}"
-
-
-def _contacts_of(summary: Mapping[str, Any], table: str, name: str) -> list[str]:
-    """The contact itself, or the contacts of a body or a rigid partner: those of others may bear far more."""
-    if table == "contacts":
-        return [name]
-    return [contact["name"] for contact in summary["scene"]["contact"] if name in contact["bodies"]]
 
 
 def where(entry: Mapping[str, Any], key: str) -> str:

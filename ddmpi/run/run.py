@@ -37,7 +37,7 @@ from ddmpi.judge.accuracy import (
     refine_scene,
     weighted,
 )
-from ddmpi.judge.bars import UNCERTIFIED, Measured
+from ddmpi.judge.bars import UNCERTIFIED, Measured, bar_of
 from ddmpi.judge.diagnosis import diagnose, helpful
 from ddmpi.judge.edges import Edges, doubt_edges, edges_of, unbounded
 from ddmpi.judge.plausible import (
@@ -61,7 +61,7 @@ from ddmpi.petsc.versions import free_garbage
 from ddmpi.pictures.views import View
 from ddmpi.results.checkpoint import Checkpoints, continue_from, identify
 from ddmpi.results.folder import choose_folder
-from ddmpi.results.summary import bars_of
+from ddmpi.results.summary import facts_of
 from ddmpi.run.equilibrium import undetermined_motions
 from ddmpi.run.gather import (
     Solved,
@@ -553,7 +553,8 @@ def _measured(solved: Solved, clock: Clock) -> Solved:
     solved = replace(solved, fields=fields, errors=errors)
     summary = gather_summary(solved, clock.started)
     with agreed(world):
-        bars = bars_of(summary, errors, endless) if summary and errors else {}
+        facts = facts_of(summary, errors, endless) if summary and errors else {}
+        bars = {name: bar_of(named(name), errors[name], known) for name, known in facts.items()}
     return replace(solved, summary=summary, bars=world.bcast(bars))
 
 

@@ -112,10 +112,13 @@ def write_page(path: Path, page: str, what: str) -> Path:
     return path
 
 
+Part = tuple[Sequence[np.ndarray], Sequence[int], int]
+"""Of a dataset pieces of rows (k, …), at least one, the number of rows before each, and of all rows."""
+
+
 def write_rows(
     target: Path,
-    parts: Mapping[str, Sequence[np.ndarray]],
-    places: Mapping[str, tuple[Sequence[int], int]],
+    parts: Mapping[str, Part],
     world: MPI.Comm,
     group: str | None = None,
 ) -> None:
@@ -126,15 +129,14 @@ def write_rows(
 
     Parameters
     ----------
-    parts : by name pieces of rows (k, …) of this rank, at least one; datasets without rows of this rank are left out
-    places : by name the number of rows before each piece, and of all rows
-    group : None for a new file; a new group of an existing file, or its root for ""
+    parts : by name what this rank has of a dataset; datasets without rows of this rank are left out
+    group : None for a new file; a new group of an existing file
 
     Collective. Raises OutputError, on all ranks.
     """
     shapes = {
-        name: ((places[name][1], *pieces[0].shape[1:]), np.result_type(*pieces).str)
-        for name, pieces in parts.items()
+        name: ((total, *pieces[0].shape[1:]), np.result_type(*pieces).str)
+        for name, (pieces, _, total) in parts.items()
     }
     everyone, shares = world.gather(shapes), None
     with agreed(world):
@@ -145,22 +147,14 @@ def write_rows(
             shares = [{name: made[name] for name in table} for table in everyone]
     starts = world.scatter(shares)
     with agreed(world):
-        arrays = {
-            name: [np.ascontiguousarray(piece, starts[name][1]) for piece in pieces]
-            for name, pieces in parts.items()
-        }
-        put(
-            target,
-            [
-                (
-                    starts[name][0] + first * piece.itemsize * math.prod(piece.shape[1:]),
-                    piece,
-                )
-                for name, pieces in arrays.items()
-                if places[name][1]
-                for first, piece in zip(places[name][0], pieces, strict=True)
-            ],
-        )
+        placed = []
+        for name, (pieces, firsts, total) in parts.items():
+            offset, kind = starts[name]
+            for first, piece in zip(firsts, pieces, strict=True) if total else ():
+                array = np.ascontiguousarray(piece, kind)
+                row = array.itemsize * math.prod(array.shape[1:])
+                placed.append((offset + first * row, array))
+        put(target, placed)
 
 
 def _made(

@@ -82,8 +82,7 @@ def test_rows_of_all_ranks_are_of_one_kind(comm, tmp_path):
     path = comm.bcast(tmp_path / "rows.h5")
     write_rows(
         path,
-        {"rows": [rows[:1], rows[1:]]},
-        {"rows": (2 * comm.rank + np.arange(2), 2 * comm.size)},
+        {"rows": ([rows[:1], rows[1:]], 2 * comm.rank + np.arange(2), 2 * comm.size)},
         comm,
     )
     with h5py.File(path) as file:

@@ -3728,8 +3728,8 @@ MUTANTS = [
         (
             "rounding of a force is that of all contacts",
             "results/summary",
-            "if name in contact['bodies']",
-            "if contact['bodies']",
+            "if name in one['bodies']",
+            "if one['bodies']",
             "results/test_summary.py::test_a_light_body_beside_a_heavy_one_has_its_own_force",
         ),
         (
