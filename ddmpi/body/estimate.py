@@ -28,7 +28,7 @@ from ddmpi.body.stress import (
     portions,
     thermal,
 )
-from ddmpi.mesh.mesh import Mesh, bare
+from ddmpi.mesh.mesh import Mesh, bare, signed_measures
 from ddmpi.scene.bodies import Material
 from ddmpi.system.numbers import ROUNDING
 
@@ -226,6 +226,9 @@ def _estimates(bodies: Sequence[Deformed], keep: bool) -> Iterator[ErrorEstimate
     measures = mesh.measures()
     materials = [material] if isinstance(material, Material) else material.materials
     stiffest = max(one.tensor(mesh.dimension).max() for one in materials)
+    # strains of rounding are those of displacements over the size of a cell
+    sizes = signed_measures(mesh.points, mesh.corners) ** (1.0 / mesh.dimension)
+    stiffness = stiffest * measures / sizes**2
     locked = mesh.cell.linear and any(one.locks for one in materials)
     node = cell = 0
     for body in bodies:
@@ -236,7 +239,7 @@ def _estimates(bodies: Sequence[Deformed], keep: bool) -> Iterator[ErrorEstimate
         cell, node = of_cells.stop, nodes.stop
         areas, energy, own = measures[of_cells], float(energies[of_cells].sum()), squares[of_cells]
         rounding = ROUNDING * np.abs(body.u).max()
-        if energy <= stiffest * len(areas) * rounding**2:  # a rigid motion
+        if energy <= stiffness[of_cells].sum() * rounding**2:  # a rigid motion
             own, energy = np.zeros(len(areas)), 0.0
         if locked:
             own = np.full(len(areas), np.nan)

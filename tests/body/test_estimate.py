@@ -201,6 +201,22 @@ def test_what_the_elements_hold_exactly_has_no_error(order):
     assert relative_error(at_rest.total, at_rest.energy) == 0.0
 
 
+@pytest.mark.parametrize("kind", ["plane", "axis", "space"])
+def test_what_is_rounding_does_not_depend_on_units(kind):
+    """A part of strain in a rigid motion counts, or does not, whatever the unit of lengths: energies go with it."""
+    d, energies = 3 if kind == "space" else 2, np.empty((2, 3))
+    shape = {2: "rectangle", 3: "box"}[d]
+    plain = generate_rectangle(MeshSpec(shape=shape, size=(1.0,) * d, divisions=(2,) * d))
+    for k, strain in enumerate((1e-10, 1e-14)):
+        for n, unit in enumerate((1e-6, 1.0, 1e6)):
+            mesh = Mesh(unit * plain.points, plain.triangles, {}, axisymmetric=kind == "axis")
+            u = (unit + strain * mesh.points[:, -1:]) * np.eye(d)[-1]
+            energy = estimate_error(mesh, STEEL, u).energy
+            energies[k, n] = energy / unit ** (2 if kind == "plane" else 3)
+    assert energies[0] == pytest.approx(energies[0, 1], rel=1e-4) and energies[0].all()
+    assert not energies[1].any()
+
+
 @ORDERS
 def test_bodies_together_have_the_estimates_of_each(order):
     """Small bodies of one material are estimated as one mesh in pieces, others by themselves."""

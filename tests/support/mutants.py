@@ -1565,6 +1565,13 @@ MUTANTS = [
             "body/test_elasticity.py::test_von_mises",
         ),
         (
+            "strains of rounding without the size of a cell",
+            "body/estimate",
+            "stiffness = stiffest * measures / sizes ** 2",
+            "stiffness = np.full(len(sizes), stiffest)",
+            "body/test_estimate.py::test_what_is_rounding_does_not_depend_on_units",
+        ),
+        (
             "error without its square root",
             "body/estimate",
             "return float(np.sqrt(squared_error / size)) if size",
