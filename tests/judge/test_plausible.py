@@ -64,8 +64,9 @@ def pair_of(upper: dict, lower: dict, friction: dict = COULOMB) -> dict:
 
 
 def turned_backs() -> dict:
-    """Names of `on` in the wrong order mean two metres of overlap in blocks of one metre."""
+    """Names of `on` in the wrong order mean 2.5 m of overlap in blocks of one metre and of 1.5."""
     scene = pinched_blocks(6)
+    scene["body"][1]["mesh"] |= {"origin": [0.0, -0.5], "size": [3.0, 1.5]}
     scene["contact"][0]["on"] = ["top", "bottom"]
     return scene
 
@@ -94,7 +95,7 @@ def contradicting_history() -> dict:
         (
             turned_backs,
             (
-                "contact.upper-lower: the sides overlap by 2 m, and the depth of 'upper' is 1 m",
+                "contact.upper-lower: the sides overlap by 2.5 m, and the depth of 'upper' is 1 m",
                 "order of `bodies`",
             ),
         ),

@@ -27,6 +27,7 @@ from ddmpi.judge.accuracy import (
     Miss,
     allowed,
     demand,
+    next_refinement,
     price_in_words,
     weighted,
 )
@@ -487,3 +488,57 @@ def test_a_step_to_meshes_made_for_results_says_nothing_of_their_rate():
     ladder.missed = ""
     ladder.levels.append(ladder.levels[0]._replace(results=bar(20.0)))
     assert ladder.rate(Level(1, 1, 0.1, 1, bar(15.0))) < 1.0
+
+
+GROWTH, FAR, GOOD = (
+    LADDER["growth"],
+    [Level(1, 900, 0.5, 1000)],
+    [Level(1, 1000, 0.8, 1000), Level(2, 4000, 0.4, 4000)],
+)
+
+
+@pytest.mark.parametrize(
+    ("levels", "goal", "most", "doubling", "dimension", "least", "largest"),
+    [
+        # finer in any case, but not by more than the greatest step and the most unknowns allow
+        (FAR, 1e-4, 10**9, False, 2, GROWTH, GROWTH),
+        (FAR, 0.4999, 10**9, False, 2, 2, 2),
+        (FAR, 1e-4, 9500, False, 2, 3, 3),
+        (FAR, 1e-4, 9500, True, 2, 2, 2),
+        (FAR, 1e-4, 3999, True, 2, None, None),
+        ([Level(2, 1000, 0.5, 1000)], 0.35, 10**9, True, 2, 4, 4),
+        (
+            [Level(1, 1000, 0.4, 1000), Level(2, 4000, 0.5, 4000)],
+            0.3,
+            10**9,
+            False,
+            2,
+            3,
+            2 * GROWTH,
+        ),  # no rate to be seen
+        # what takes more than the greatest step is done in two, not in one that hardly misses and one that does all again
+        (GOOD, 0.08, 10**9, False, 2, 4, 5),
+        ([*GOOD, Level(5, 25_000, 0.16, 25_000)], 0.08, 10**9, False, 2, 10, 11),
+        # where even the largest meshes would miss the target by far, the last steps are spared
+        (GOOD, 0.15, 36_000, False, 2, 6, 6),
+        (GOOD, 0.15, 30_000, False, 2, 5, 5),
+        (GOOD, 0.15, 16_000, False, 2, None, None),
+        # the rate of coarse meshes is not that of finer ones (blocks of 3 × 1 elements: 0.009 took 240,000 unknowns)
+        (
+            [Level(1, 72, 0.156, 100), Level(4, 864, 0.0805, 1000)],
+            0.009,
+            3_000_000,
+            False,
+            2,
+            16,
+            16,
+        ),
+        # unknowns of solids are those of the refinement cubed
+        (FAR, 1e-4, 27_500, False, 3, 3, 3),
+        (FAR, 1e-4, 26_500, False, 3, 2, 2),
+        (FAR, 1e-4, 7_900, False, 3, None, None),
+    ],
+)
+def test_limits_of_refinement(levels, goal, most, doubling, dimension, least, largest):
+    found = next_refinement(levels, goal, most, doubling=doubling, dimension=dimension)
+    assert found is None if least is None else least <= found <= largest

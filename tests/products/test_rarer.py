@@ -14,7 +14,7 @@ from ddmpi.coupling.team import Team
 from ddmpi.decks.scene import import_deck
 from ddmpi.errors import InputError, SolverError
 from ddmpi.interface.law import CoulombLaw
-from ddmpi.interface.state import touching
+from ddmpi.interface.state import slip_start, touching
 from ddmpi.mesh.mesh import Mesh, refuse_folded
 from ddmpi.results.histories import _most_loaded
 from ddmpi.results.tables import side_means
@@ -68,9 +68,12 @@ def test_pictures_show_the_step_of_the_largest_factor_whatever_its_sign():
 def test_a_node_that_touches_ahead_slides_no_more_than_its_step():
     """The touching-time correction foresees one step: what touches later begins no later than that."""
     law = CoulombLaw(2, np.arange(2), 1, np.array([0.3, 0.4]))
-    closed = np.array([-0.2, -5.0, 0.0, 0.0])  # gaps of 0.2 and 5
+    closed = np.array([-0.2, -5.0, 0.11, -0.06])  # gaps of 0.2 and 5
     rate = np.array([0.5, 0.5, 0.3, 0.3])  # both close by 0.5 in a step
     assert touching(law, np.zeros(4), closed, rate, 0.7) == pytest.approx([0.4, 0.7])
+    # its slip counts from where it will have gone by then
+    start = slip_start(law, np.zeros(4), closed, rate, 0.7)
+    assert start == pytest.approx([0.0, 0.0, 0.11 + 0.12, -0.06 + 0.21])
 
 
 def test_a_free_shift_goes_along_the_axes_of_the_world():

@@ -95,6 +95,7 @@ def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
         " pictures (not asked for)\n",
     ):
         assert word in run.stdout, run.stdout
+    assert re.search(r"energy norm; with mesh.order = 2 .* about \d+ unknowns", run.stdout)
 
 
 def test_steps_whose_forces_agree_though_slip_is_coarse_are_said_to_dissipate_too_much(tmp_path):

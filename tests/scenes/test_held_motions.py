@@ -12,6 +12,7 @@ from scenes import certified, rectangle, seldom
 
 import ddmpi
 from ddmpi.body.rigid_motions import Centring
+from ddmpi.judge.equilibrium import IMBALANCE
 from ddmpi.judge.motions import unresisted
 from ddmpi.run import held, solve
 from ddmpi.run.least import nearest
@@ -466,3 +467,13 @@ def test_a_half_that_only_a_pretension_without_force_holds_stays(d):
     assert held["body"] in ("two", "pretension of cut")
     assert "two can move along" in held["motion"]
     assert answer.bodies["two"].displacement == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("size", [1e-4, 1.0, 1e5])
+def test_slides_are_driven_by_more_than_rounding_of_their_bound(size):
+    """Turns are not asked: errors of normals may bear them."""
+    for share, driven in ((0.9, False), (1.1, True)):
+        moment = share * IMBALANCE * size
+        for way, asked in (("along x", True), ("turn about (0, 0)", False)):
+            one = held.HeldMotion("pin", f"pin can {way} without", moment, size, False)
+            assert held.slides([one]) == (driven and asked)
