@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from ddmpi.decks.cards import EXACT, Acting, Card, Course, axes, number, vector
+from ddmpi.decks.cards import EXACT, Acting, Card, Course, End, Entries, axes, number, vector
 from ddmpi.decks.material import Matter, table
-from ddmpi.decks.pieces import Cut, Piece, formula, linear
+from ddmpi.decks.pieces import Cut, Piece, Side, formula, linear
 
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
@@ -81,7 +81,7 @@ class Acts:
             course, f"h{len(self.histories) + 1}"
         ) if peak else None
 
-    def on(self, ends: Iterable[tuple[int, int]]) -> list[tuple[Piece, np.ndarray]]:
+    def on(self, ends: Iterable[End]) -> list[Side]:
         """The facets (k,) of faces (element, number), by body."""
         found = defaultdict[str, list[int]](list)
         for piece, facet in (self.where[end] for end in ends if end in self.where):
@@ -119,7 +119,7 @@ class Acts:
         own = np.eye(3) if turned is None else axes(turned, at)
         return [*own, *[own[0]] * 3, *self.ways][component - 1]
 
-    def clamps(self, piece: Piece) -> list[dict[str, Any]]:
+    def clamps(self, piece: Piece) -> list[Entries]:
         """The supports of a body: by direction sets of nodes with one value, or a linear function of place."""
         at: Supported = defaultdict(lambda: defaultdict(dict))
         zero = Counter(
@@ -183,9 +183,9 @@ class Acts:
         offsets = (0.0 - turn @ on).tolist()
         return tuple(formula(*part, self.axes) for part in zip(offsets, turn[:, :d], strict=True))
 
-    def _together(self, piece: Piece, at: Supported) -> list[dict[str, Any]]:
+    def _together(self, piece: Piece, at: Supported) -> list[Entries]:
         """Clamps of values by direction, history and place; along axes those of the same nodes are one."""
-        together: dict[tuple[bytes, str | None, Any], tuple[np.ndarray, dict[str, Any]]] = {}
+        together: dict[tuple[bytes, str | None, Any], tuple[np.ndarray, Entries]] = {}
         for way in sorted(at, key=lambda way: (isinstance(way, tuple), str(way))):
             for (_, history), held in at[way].items():
                 places = np.array(sorted(held))
@@ -203,9 +203,9 @@ class Acts:
             for (_, history, _), (some, entry) in together.items()
         ]
 
-    def loads(self) -> dict[str, list[dict[str, Any]]]:
+    def loads(self) -> dict[str, list[Entries]]:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
-        found: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in self.pieces}
+        found: dict[str, list[Entries]] = {piece.name: [] for piece in self.pieces}
         for (piece, value, history, way), facets in self._pressed().items():
             load = (
                 {"value": [value * x for x in way[: len(self.axes)]]}
@@ -269,7 +269,7 @@ class Acts:
         return vector[: len(self.axes)]
 
     @cached_property
-    def _surfaces(self) -> dict[frozenset[tuple[int, int]], str]:
+    def _surfaces(self) -> dict[frozenset[End], str]:
         """Names of the deck's surfaces by their elements and faces; of equal ones the first."""
         deck = self.model.deck
         return {
@@ -283,7 +283,7 @@ class Acts:
             if kind == "SURFACE"
         }
 
-    def _forces(self, piece: Piece) -> list[dict[str, Any]]:
+    def _forces(self, piece: Piece) -> list[Entries]:
         """Nodal forces as tractions with the same resultant and the same first moments."""
         by_history: dict[str | None, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
@@ -318,7 +318,7 @@ class Acts:
 
     def _spread(
         self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray
-    ) -> list[dict[str, Any]]:
+    ) -> list[Entries]:
         """The traction t(x) = F / A + S (x − c) with ∫t = Σ F_n and ∫ t ⊗ (x − c) = Σ F_n ⊗ (x_n − c); the second as
         far as the facets reach. S J = that moment, with J = ∫ (x − c) ⊗ (x − c)."""
         x, w = piece.quadrature(facets, self.axisymmetric)
@@ -327,7 +327,7 @@ class Acts:
         moments = forces.T @ (at - centre)
         total = forces.sum(axis=0)
         size = np.abs(forces).sum() * np.ptp(x, axis=0).max()
-        loads: list[dict[str, Any]] = []
+        loads: list[Entries] = []
         if np.abs(total).max() > EXACT * np.abs(forces).sum():
             loads.append({"force": [float(value) for value in total]})
         if np.abs(moments).max() > EXACT * size:
@@ -342,7 +342,7 @@ class Acts:
                 )
         return loads
 
-    def volume_forces(self, piece: Piece) -> list[Any] | dict[str, Any] | None:
+    def volume_forces(self, piece: Piece) -> list[Any] | Entries | None:
         """Gravity, centrifugal and other forces per volume of a body, as formulas; all must have one history."""
         # by history: the first keyword, and c and the rows of Sᵀ (1 + d, d) of f = c + S x
         fields: dict[str | None, tuple[Card, np.ndarray]] = {}
@@ -519,7 +519,7 @@ def _axis(way: np.ndarray) -> int | None:
     return main if abs(abs(way[main]) - 1.0) < EXACT else None
 
 
-def later(history: str | None) -> dict[str, Any]:
+def later(history: str | None) -> Entries:
     """The entry of a history, if there is one."""
     return {"history": history} if history else {}
 

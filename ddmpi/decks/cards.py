@@ -8,7 +8,7 @@ import re
 from collections import defaultdict, deque
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -376,6 +376,12 @@ class Block(NamedTuple):
 
 Course = tuple[tuple[float, float], ...]
 """Values over time."""
+
+End = tuple[int, int]
+"""An element, and the number of one of its faces."""
+
+Entries = dict[str, Any]
+"""Keys of a table of a scene, and their values."""
 
 
 class Acting(NamedTuple):

@@ -13,6 +13,7 @@ from ddmpi.decks.cards import (
     Block,
     Card,
     DeckError,
+    End,
     Instance,
     along,
     called,
@@ -203,7 +204,7 @@ class Deck:
             raise DeckError(f"the set {word} is empty")
         return found
 
-    def ends(self, card: Card, name: str) -> Iterator[tuple[int, int]]:
+    def ends(self, card: Card, name: str) -> Iterator[End]:
         """The elements of a surface of element faces, and the numbers of their faces. Raises DeckError."""
         key = self.key("SURFACE", card.scope, name)
         if key is None:

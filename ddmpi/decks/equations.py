@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import EXACT, Acting, Card, Rigid
+from ddmpi.decks.cards import EXACT, Acting, Card, Entries, Rigid
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, connected
 
@@ -89,7 +89,7 @@ class Equations:
         self.notes = acts.notes
         self.model = acts.model
         self.supports = acts.kinds["supports"]
-        self.bonds = list[dict[str, Any]]()
+        self.bonds = list[Entries]()
         self.ways = list[tuple[np.ndarray, np.ndarray]]()
         self.left = dict(self.model.equations)
         self.own = acts.rigid_nodes | self.model.bolt_nodes
@@ -259,7 +259,7 @@ class Equations:
 
     def _along(
         self, tie: Tie, lead: list[Row], first: Piece, on: np.ndarray
-    ) -> tuple[str, dict[str, Any]]:
+    ) -> tuple[str, Entries]:
         """Why the first side, with these facets, has no such tie, as it is not along their normal; and the gap of a bond
         whose first side goes farther than the second by a displacement that is given in the `lead`."""
         normals = first.normals(on)
@@ -329,7 +329,7 @@ def _turn(rows: Sequence[Row]) -> np.ndarray | None:
     return Q if off.max() <= CLOSE and np.linalg.det(Q) > 0.0 else None
 
 
-def _image(Q: np.ndarray, t: np.ndarray, close: float) -> tuple[str, dict[str, Any]]:
+def _image(Q: np.ndarray, t: np.ndarray, close: float) -> tuple[str, Entries]:
     """The image at x¹ = Q x² + t as an entry of a contact, none where both are at one place; or why it is none."""
     d = len(t)
     whole = np.eye(3)

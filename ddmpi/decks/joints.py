@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import Acting, Card, DeckError, called, entry, number, numbers
-from ddmpi.decks.pieces import Piece
+from ddmpi.decks.cards import Acting, Card, DeckError, Entries, called, entry, number, numbers
+from ddmpi.decks.pieces import Piece, Side
 from ddmpi.scene.contacts import Closure
 from ddmpi.system.numbers import Frame
-
-Side = tuple[Piece, np.ndarray]
-"""A body, and its facets of a surface."""
 
 Pair = tuple[Piece, np.ndarray, Piece, np.ndarray]
 """Slave and master, each with its facets."""
@@ -32,9 +29,7 @@ class Joints:
         self.kinds = acts.kinds
         self.cleared = list[Card]()
         self.turned = list[Card]()
-        self.met: list[
-            tuple[Card, dict[str, Any], dict[str, set[int]]]
-        ] = []  # faces in contact so far
+        self.met: list[tuple[Card, Entries, dict[str, set[int]]]] = []  # faces in contact so far
 
     def unmet(self) -> None:
         """Note clearances of surfaces that are in no contact, and cyclic symmetries of no tie."""
@@ -45,7 +40,7 @@ class Joints:
             if clearance not in self.cleared:
                 self.notes.add("lost", clearance, "no *CONTACT PAIR has these surfaces")
 
-    def _again(self, card: Card, law: dict[str, Any], pair: Pair) -> bool:
+    def _again(self, card: Card, law: Entries, pair: Pair) -> bool:
         """Whether a contact of the same faces is there already, in either order. Those that share some of their faces
         on both sides, or differ in their laws, are lost."""
         slave, on, master, against = pair
@@ -82,9 +77,7 @@ class Joints:
             self.notes.add("lost", card, f"the surface {name} has nodes without a whole face")
         return [(piece, facets) for piece, facets, _ in sides if len(facets)]
 
-    def contacts(
-        self, card: Card, slave_surface: str, master_surface: str
-    ) -> Iterable[dict[str, Any]]:
+    def contacts(self, card: Card, slave_surface: str, master_surface: str) -> Iterable[Entries]:
         """The contacts of a pair of surfaces, one for each two bodies that they have."""
         law = self._law(card)
         tied = law.get("kind") == "bonded"
@@ -93,7 +86,7 @@ class Joints:
         wheel = self._wheel(card)
         joined = self._joined(card, law, slaves, masters, wheel)
         for slave, on, master, against in joined:
-            contact: dict[str, Any] = {
+            contact: Entries = {
                 "bodies": [slave.name, master.name],
                 "on": [slave.group(on, slave_surface), master.group(against, master_surface)],
             } | law
@@ -141,7 +134,7 @@ class Joints:
         self.notes.add("taken", clearance, "gap")
         return number(clearance.given["VALUE"])
 
-    def _law(self, card: Card) -> dict[str, Any]:
+    def _law(self, card: Card) -> Entries:
         """The kind, the softness and the friction of a pair of surfaces, as a contact has them. Raises InputError."""
         if card.word == "TIE":
             return {"kind": "bonded"}
@@ -187,7 +180,7 @@ class Joints:
     def _joined(
         self,
         card: Card,
-        law: dict[str, Any],
+        law: Entries,
         slaves: Sequence[Side],
         masters: Sequence[Side],
         wheel: Card | None,
@@ -263,7 +256,7 @@ class Joints:
                     "changed", card, f"nodes {far:.3g} apart, beyond its tolerance, are tied"
                 )
 
-    def bolts(self) -> Iterable[dict[str, Any]]:
+    def bolts(self) -> Iterable[Entries]:
         """The bonded contacts at the sections of bolts, with the force of their reference nodes, or over a gap by which
         these shorten them; and around the layers that had to be taken out."""
         for card, ends, section, around in self.acts.cuts:
@@ -279,7 +272,7 @@ class Joints:
                 continue
             ((piece, facets),) = sides
             ((other, against),) = others
-            bond: dict[str, Any] = {"bodies": [piece.name, other.name], "kind": "bonded"}
+            bond: Entries = {"bodies": [piece.name, other.name], "kind": "bonded"}
             on = [piece.group(facets, "section"), other.group(against, "section")]
             yield bond | {"on": on} | self._pulled(card, node, piece.outward(facets))
             if len(around):
@@ -288,7 +281,7 @@ class Joints:
                 layers = [(one, one.whole(one.within(around))) for one in (piece, other)]
                 yield bond | {"on": [one.group(facets, "layer") for one, facets in layers]}
 
-    def _pulled(self, card: Card, node: int, normal: np.ndarray) -> dict[str, Any]:
+    def _pulled(self, card: Card, node: int, normal: np.ndarray) -> Entries:
         """How a bolt is pulled at its section, whose `normal` (d,) points away from the elements of its surface."""
         force = self.kinds["forces"].get((node, 1))
         given = force or self.kinds["supports"][node, 1]
@@ -327,7 +320,7 @@ def _touch(piece: Piece, on: np.ndarray, against: np.ndarray, alone: bool) -> bo
     return alone or bool(near <= piece.spacing(on))
 
 
-def _image(wheel: Card, slave: np.ndarray, master: np.ndarray) -> dict[str, Any]:
+def _image(wheel: Card, slave: np.ndarray, master: np.ndarray) -> Entries:
     """The image of the master's flank with this middle (3,) that is at the slave's: a turn by one sector, forwards or
     back. Raises InputError."""
     with wheel.reading():

@@ -1,10 +1,8 @@
 """The materials of a body of a deck."""
 
-from typing import Any
-
 import numpy as np
 
-from ddmpi.decks.cards import Card, DeckError, axes, called, numbers
+from ddmpi.decks.cards import Card, DeckError, Entries, axes, called, numbers
 from ddmpi.decks.deck import STRIDE
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, own_name
@@ -72,9 +70,9 @@ class Matter:
             )
         return {int(k): piece.elements[own == k] for k in np.unique(own)}
 
-    def of(self, piece: Piece, expansions: dict[str, np.ndarray]) -> list[dict[str, Any]]:
+    def of(self, piece: Piece, expansions: dict[str, np.ndarray]) -> list[Entries]:
         """The materials of a body, with the `expansions` (3,) by name where it is heated."""
-        different: dict[tuple[str, str], tuple[dict[str, Any], list[np.ndarray]]] = {}
+        different: dict[tuple[str, str], tuple[Entries, list[np.ndarray]]] = {}
         for k, elements in self.sections(piece).items():
             _, name, thick, orientation, card = self.model.sections[k]
             if name not in self.model.materials:
@@ -131,7 +129,7 @@ class Matter:
 
     def _elastic(
         self, name: str, axes: np.ndarray, heat: float, section: Card, directed: bool
-    ) -> dict[str, Any]:
+    ) -> Entries:
         """young, poisson and, of an orthotropic material or of `directed` expansion, shear along x, y and z, at a
         temperature."""
         card = self.model.materials[name].get("ELASTIC")
@@ -171,7 +169,7 @@ class Matter:
             )
         return self._orthotropic(row, axes, card)
 
-    def _orthotropic(self, row: np.ndarray, axes: np.ndarray, card: Card) -> dict[str, Any]:
+    def _orthotropic(self, row: np.ndarray, axes: np.ndarray, card: Card) -> Entries:
         plain = np.allclose(axes, np.eye(3))
         turned = {}
         if self.family == "C3D" and axes.any():

@@ -18,6 +18,7 @@ from ddmpi.decks.cards import (
     Acting,
     Card,
     DeckError,
+    End,
     Notes,
     Rigid,
     along,
@@ -594,7 +595,7 @@ class Model:
             label = row[1].upper()
             values = numbers(row[2:])
             way: tuple[float, ...] = ()
-            ends: Iterable[tuple[int, int]] = ()
+            ends: Iterable[End] = ()
             if surface and label in ("P", "TRVEC"):
                 ends = self.deck.ends(card, what)
                 words = "pressure on a surface"
@@ -618,7 +619,7 @@ class Model:
                 self._add("pressures", (element, face, way), card, values[0])
             self.notes.add("taken", card, words)
 
-    def _pulled(self) -> dict[tuple[int, int], tuple[float, ...]]:
+    def _pulled(self) -> dict[End, tuple[float, ...]]:
         """The directions of TRVEC of the steps before, by element and face, unless OP=NEW ends them."""
         acting = {} if "pressures" in self._renewed else self.kinds["pressures"]
         return {key[:2]: key[2] for key, one in acting.items() if len(key[2]) == 3 and one.value}

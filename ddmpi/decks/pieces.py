@@ -14,10 +14,21 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from ddmpi.decks.cards import EXACT, KEPT, SIDES, Block, Card, are_upright, corners, faces, shape
+from ddmpi.decks.cards import (
+    EXACT,
+    KEPT,
+    SIDES,
+    Block,
+    Card,
+    End,
+    are_upright,
+    corners,
+    faces,
+    shape,
+)
 from ddmpi.decks.deck import STRIDE
 
-Cut = tuple[Card, set[tuple[int, int]], np.ndarray, np.ndarray]
+Cut = tuple[Card, set[End], np.ndarray, np.ndarray]
 """A section of a bolt: its keyword, the faces of elements on one side, the nodes there, and those around the layer of
 these elements, where that is a body of its own."""
 
@@ -81,7 +92,7 @@ def connected(rows: np.ndarray) -> np.ndarray:
 def cut(
     blocks: Sequence[Block],
     rows: np.ndarray,
-    ends: set[tuple[int, int]],
+    ends: set[End],
     numbers: np.ndarray,
     points: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -129,7 +140,7 @@ def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
     return np.concatenate(found), np.concatenate(owners)
 
 
-def nodes_of_faces(blocks: Sequence[Block], ends: set[tuple[int, int]]) -> np.ndarray:
+def nodes_of_faces(blocks: Sequence[Block], ends: set[End]) -> np.ndarray:
     """The nodes (f, 8), as of `all_faces`, of the faces `ends` (element, number)."""
     rows, owners = all_faces(blocks)
     return rows[[(element, face) in ends for element, face in owners.tolist()]]
@@ -185,7 +196,7 @@ class Piece:
         return {node: k for k, node in enumerate(self.nodes.tolist())}
 
     @cached_property
-    def at(self) -> dict[tuple[int, int], int]:
+    def at(self) -> dict[End, int]:
         """Numbers of facets by element and face."""
         return {(element, face): k for k, (element, face) in enumerate(self.owners.tolist())}
 
@@ -338,6 +349,10 @@ class Piece:
                 *(f"{element % STRIDE}, S{face}" for element, face in self.owners[facets].tolist()),
             ]
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+Side = tuple[Piece, np.ndarray]
+"""A body, and facets of it."""
 
 
 def _vectors(corners: np.ndarray) -> np.ndarray:

@@ -5,20 +5,16 @@ Sets with one reference node are one rigid body, whatever keywords and however m
 
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import EXACT, Rigid
-from ddmpi.decks.pieces import Piece, formula, own_name
+from ddmpi.decks.cards import EXACT, Entries, Rigid
+from ddmpi.decks.pieces import Piece, Side, formula, own_name
 from ddmpi.system.numbers import ROUNDING
 
 SMALL_TURN = 0.2
 """Largest turn (radians) of a rigid set with NLGEOM: displacements of small turns are 2 % off."""
-
-Face = tuple[Piece, np.ndarray]
-"""A body, and facets of it."""
 
 
 class RigidSets:
@@ -35,10 +31,10 @@ class RigidSets:
         self.notes = acts.notes
         self.model = acts.model
         self.kinds = acts.kinds
-        self.clamps: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.tractions: dict[str, list[dict[str, Any]]] = {piece.name: [] for piece in acts.pieces}
-        self.partners: list[dict[str, Any]] = []
-        self.bonds: list[dict[str, Any]] = []
+        self.clamps: dict[str, list[Entries]] = {piece.name: [] for piece in acts.pieces}
+        self.tractions: dict[str, list[Entries]] = {piece.name: [] for piece in acts.pieces}
+        self.partners: list[Entries] = []
+        self.bonds: list[Entries] = []
         by_node = defaultdict[int, list[Rigid]](list)
         for rigid in self.model.rigid:
             by_node[rigid.ref].append(rigid)
@@ -106,7 +102,7 @@ class RigidSets:
         patches, _ = piece.patches(np.flatnonzero(piece.within(sets[0].nodes)))
         return np.unique(np.concatenate([some for some, _ in patches])) if patches else None
 
-    def _take(self, rigid: Rigid, faces: Sequence[Face]) -> str:
+    def _take(self, rigid: Rigid, faces: Sequence[Side]) -> str:
         """Write a rigid set that has whole faces of bodies; the reason where it is not possible."""
         if self.acts.axisymmetric:
             return "around an axis"
@@ -140,11 +136,11 @@ class RigidSets:
     def _push(
         self,
         rigid: Rigid,
-        faces: Sequence[Face],
+        faces: Sequence[Side],
         held: np.ndarray,
         loads: np.ndarray,
         pivot: np.ndarray,
-        more: dict[str, Any],
+        more: Entries,
     ) -> str:
         """Write a rigid partner that moves as forces want, where displacements `held` are not given (NaN)."""
         d = len(pivot)
@@ -160,7 +156,7 @@ class RigidSets:
             )
         loads = np.where(given, 0.0, loads)
         name = own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps])
-        partner: dict[str, Any] = {"name": name} | self._surface(faces, rigid.only)
+        partner: Entries = {"name": name} | self._surface(faces, rigid.only)
         guided = {"kind": "guided", "gap": 0.0}
         law = {"kind": "bonded"} if rigid.only is None else guided
         partner["displacement"] = held[:d].tolist()
@@ -178,7 +174,7 @@ class RigidSets:
             self.bonds.append({"bodies": [piece.name, name], "on": on} | law)
         return ""
 
-    def _surface(self, faces: Sequence[Face], only: int | None) -> dict[str, Any]:
+    def _surface(self, faces: Sequence[Side], only: int | None) -> Entries:
         """The surface of a rigid partner: of one flat face in space its plane, which pictures show; else none, as of two
         faces, also parallel ones of one body, of which a plane would meet one alone."""
         (piece, facets), *others = faces
@@ -197,10 +193,10 @@ class RigidSets:
     def _spread(
         self,
         rigid: Rigid,
-        faces: Sequence[Face],
+        faces: Sequence[Side],
         held: np.ndarray,
         loads: np.ndarray,
-        more: dict[str, Any],
+        more: Entries,
     ) -> str:
         """Write the forces of a reference node as tractions on the faces of a body."""
         if len(faces) > 1:
@@ -228,7 +224,7 @@ class RigidSets:
         return ""
 
     def _move(
-        self, faces: Sequence[Face], held: np.ndarray, pivot: np.ndarray, more: dict[str, Any]
+        self, faces: Sequence[Side], held: np.ndarray, pivot: np.ndarray, more: Entries
     ) -> None:
         """Write a rigid motion that is given: u = u_r + θ × (x − x_r)."""
         d = len(pivot)

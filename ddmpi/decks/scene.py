@@ -4,12 +4,21 @@ import os
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from ddmpi.decks.acting import Acts
-from ddmpi.decks.cards import FAMILIES, PARAMETERS, Block, Course, DeckError, Notes, axes, called
+from ddmpi.decks.cards import (
+    FAMILIES,
+    PARAMETERS,
+    Block,
+    Course,
+    DeckError,
+    Entries,
+    Notes,
+    axes,
+    called,
+)
 from ddmpi.decks.deck import Deck, refuse_lost
 from ddmpi.decks.equations import Equations
 from ddmpi.decks.joints import Joints
@@ -175,7 +184,7 @@ class Importer:
             found.setdefault(frozenset(self.deck.members("ELSET", ("", key))), name)
         return found
 
-    def scene(self, title: str) -> dict[str, Any]:
+    def scene(self, title: str) -> Entries:
         """The scene as plain data, and groups in the pieces. Raises InputError."""
         acts = self.acts
         equations = Equations(self.acts)
@@ -207,7 +216,7 @@ class Importer:
             )
         contacts = [contact for pair in self.model.pairs for contact in joints.contacts(*pair)]
         joints.unmet()
-        scene: dict[str, Any] = {
+        scene: Entries = {
             "title": title,
             "axisymmetric": self.family == "CAX" or None,
             "body": [*map(_filled, bodies)],
@@ -223,7 +232,7 @@ class Importer:
         return _filled(scene)
 
 
-def _filled(entries: dict[str, Any]) -> dict[str, Any]:
+def _filled(entries: Entries) -> Entries:
     return {key: value for key, value in entries.items() if value not in (None, [], {})}
 
 
@@ -232,7 +241,7 @@ def _history(course: Course) -> dict[str, list[float]]:
     return {"times": [*times], "factors": [*factors]}
 
 
-def _with_names(contacts: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def _with_names(contacts: Sequence[Entries]) -> list[Entries]:
     """Contacts with names of their own, after those of their bodies."""
     names: list[str] = []
     for contact in contacts:
@@ -283,9 +292,7 @@ def import_deck(
     return _told(importer, scene, lists, folder)
 
 
-def _told(
-    importer: Importer, scene: dict[str, Any], lists: dict[str, list[str]], folder: Path
-) -> str:
+def _told(importer: Importer, scene: Entries, lists: dict[str, list[str]], folder: Path) -> str:
     """The lists, with the units and the size of the scene."""
     touched = {name for contact in scene.get("contact", []) for name in contact["bodies"]}
     loose = [
