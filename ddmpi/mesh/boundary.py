@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError, naming, nearest
 from ddmpi.mesh.elements import CELLS, Cell, cell_with, normals
-from ddmpi.mesh.mesh import PHYSICAL, Mesh, boundary_facets
+from ddmpi.mesh.mesh import PHYSICAL, Groups, Mesh, boundary_facets
 from ddmpi.mesh.refine import KINDS, bricks, distinct, middle_nodes, simplices
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.system.numbers import across, in_words
@@ -296,7 +296,7 @@ def where(gmsh, k: int, tag: int) -> str:
 
 def file_groups(
     raw, label: str, cells: np.ndarray, cell: Cell, part: bool = False
-) -> tuple[dict[str, np.ndarray], ...]:
+) -> tuple[Groups, ...]:
     """By name the facets (·, l) of each group of the boundary, in space the lines (·, 2) of curves, and nodes, of a body
     with these straight `cells` (nt, c).
 
@@ -304,7 +304,7 @@ def file_groups(
     only what belongs to them. Raises InputError where there is no group.
     """
     d = cell.dimension
-    kinds = list[dict[str, np.ndarray]]()
+    kinds = list[Groups]()
     for dimension in range(d - 1, 0, -1):
         parts, _, element = (simplices if cell.simplex else bricks)(raw, dimension, raw.points)
         if part:
@@ -338,9 +338,7 @@ def _sides_of(cells: np.ndarray, cell: Cell, parts: np.ndarray) -> np.ndarray:
     return np.isin(number[len(of_cells) :], number[: len(of_cells)])
 
 
-def _add_sets(
-    raw, cells: np.ndarray, cell: Cell, kinds: Sequence[dict[str, np.ndarray]]
-) -> dict[str, np.ndarray]:
+def _add_sets(raw, cells: np.ndarray, cell: Cell, kinds: Sequence[Groups]) -> Groups:
     """The sets of nodes of a file by name; to the facets, and lines, of groups those of each set that has some."""
     if not raw.point_sets:
         return {}
@@ -350,7 +348,7 @@ def _add_sets(
         pieces if pieces.shape[1] > 3 else np.unique(np.sort(pieces, axis=1), axis=0)
         for pieces in sides
     ]
-    alone: dict[str, np.ndarray] = {}
+    alone: Groups = {}
     for name, nodes in raw.point_sets.items():
         if name in raw.cell_sets:
             continue
@@ -374,9 +372,7 @@ def _without_groups(label: str, d: int) -> InputError:
     return InputError(f"{label} has {what}; {words}: {names}")
 
 
-def set_nodes(
-    raw, mesh: Mesh, number: np.ndarray, sets: dict[str, np.ndarray]
-) -> dict[str, np.ndarray]:
+def set_nodes(raw, mesh: Mesh, number: np.ndarray, sets: Groups) -> Groups:
     """By name the nodes of the mesh in `sets` of the file's nodes that no facet or line of the set has. `number` (nr,)
     is that of the file's nodes at corners, else −1; −1 also stands for middles of edges that a linear mesh lacks."""
     middles, ends = middle_nodes(raw, mesh.dimension)
@@ -401,7 +397,7 @@ def set_nodes(
     return alone
 
 
-def file_members(raw, dimension: int) -> dict[str, np.ndarray]:
+def file_members(raw, dimension: int) -> Groups:
     """Which elements, counted through all KINDS, each named physical group of a dimension has."""
     kinds = KINDS[dimension]
     tags = {int(tag): name for name, (tag, of) in raw.field_data.items() if of == dimension}

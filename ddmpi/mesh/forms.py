@@ -62,6 +62,10 @@ GRIDS = 1, 4, 16, 64
 """Points along a parameter of a face among which one inside its boundary is looked for."""
 
 
+Tagged = dict[tuple[str, int], list[int]]
+"""Numbers of points, curves or faces by name and dimension."""
+
+
 class Form(NamedTuple):
     """A face or a curve by what it is: kind, radius (m) or 0, outer unit normal (3,) or zero, and a point (3,) (m)."""
 
@@ -117,12 +121,10 @@ def name_sides(gmsh, script: bool, asked: Collection[str], label: str) -> dict[s
     return faces
 
 
-def _called(
-    gmsh, side: int, script: bool, taken: Collection[str]
-) -> dict[tuple[str, int], list[int]]:
+def _called(gmsh, side: int, script: bool, taken: Collection[str]) -> Tagged:
     """The numbers of points, curves and faces up to the dimension `side`, by name and dimension: their own numbers and,
     but for a `script`, the last parts of their labels; names that are `taken` are left out."""
-    tagged = dict[tuple[str, int], list[int]]()
+    tagged = Tagged()
     for k, tag in gmsh.model.getEntities():
         if k > side:
             continue
@@ -134,7 +136,7 @@ def _called(
     return tagged
 
 
-def _described(gmsh, wanted: Collection[str], label: str) -> dict[tuple[str, int], list[int]]:
+def _described(gmsh, wanted: Collection[str], label: str) -> Tagged:
     """The numbers of the faces, or in the plane curves, that are `wanted` by what they are. Raises InputError."""
     side = gmsh.model.getDimension() - 1
     described = [(part, form) for part in wanted if (form := Form.of(part, label))]
@@ -144,7 +146,7 @@ def _described(gmsh, wanted: Collection[str], label: str) -> dict[tuple[str, int
 def _refuse_missing(
     gmsh,
     wanted: Collection[str],
-    tagged: dict[tuple[str, int], list[int]],
+    tagged: Tagged,
     side: int,
     label: str,
 ) -> None:

@@ -21,6 +21,9 @@ from ddmpi.system.numbers import Frame, in_words
 
 T = TypeVar("T")
 
+Groups = dict[str, np.ndarray]
+"""By name the members of groups: facets, lines or cells, by their nodes or numbers, or nodes."""
+
 MEASURE = ("", "length", "area", "volume")
 """Measure of cells, by dimension."""
 
@@ -95,11 +98,11 @@ class Mesh:
 
     points: np.ndarray
     triangles: np.ndarray
-    groups: dict[str, np.ndarray]
-    vertices: dict[str, np.ndarray] = field(default_factory=dict)
-    surfaces: dict[str, np.ndarray] = field(default_factory=dict)
+    groups: Groups
+    vertices: Groups = field(default_factory=dict)
+    surfaces: Groups = field(default_factory=dict)
     cut: int = 0
-    curves: dict[str, np.ndarray] = field(default_factory=dict)
+    curves: Groups = field(default_factory=dict)
     axisymmetric: bool = False
     faces: dict[str, Face] = field(default_factory=dict)
     integration: str = ""

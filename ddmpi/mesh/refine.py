@@ -9,7 +9,7 @@ from scipy.sparse import csgraph
 from ddmpi.decks.cards import FACES, SIDES, are_upright
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import BRICKS, CELLS, CUTS, Cell, cell_with
-from ddmpi.mesh.mesh import Mesh, signed_measures
+from ddmpi.mesh.mesh import Groups, Mesh, signed_measures
 from ddmpi.system.numbers import SAME
 
 KINDS = {
@@ -73,7 +73,7 @@ def raise_order(mesh: Mesh, key: str, order: int = 2) -> Mesh:
         corners = np.sort(cells[:, cell_with(cells.shape[1], d).of_order(order).between])
         return np.ravel_multi_index(tuple(np.moveaxis(corners, -1, 0)), (size,) * order)
 
-    def of_groups(groups: dict[str, np.ndarray], d: int) -> dict[str, np.ndarray]:
+    def of_groups(groups: Groups, d: int) -> Groups:
         result = {}
         for name, facets in groups.items():
             wanted = keys(facets, d)
@@ -202,7 +202,7 @@ def _halved_bricks(mesh: Mesh, key: str) -> Mesh:
     return bend(raise_order(halved, key, mesh.order), bends)
 
 
-def _of_parts(mesh: Mesh, number: int) -> dict[str, np.ndarray]:
+def _of_parts(mesh: Mesh, number: int) -> Groups:
     """The surfaces of a mesh by the numbers of the parts of its cells, of which each has this number."""
     return {
         name: (number * members[:, None] + np.arange(number)).ravel()

@@ -8,7 +8,7 @@ from itertools import permutations
 import numpy as np
 
 from ddmpi.mesh.elements import BRICKS
-from ddmpi.mesh.mesh import Mesh, boundary_facets
+from ddmpi.mesh.mesh import Groups, Mesh, boundary_facets
 from ddmpi.mesh.refine import raise_order
 from ddmpi.scene.meshes import MeshSpec
 
@@ -103,7 +103,7 @@ def draw_shape(gmsh, spec: MeshSpec) -> None:
 
 def _solid_grid(
     divisions: Sequence[int], elements: str | None
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+) -> tuple[np.ndarray, np.ndarray, Groups]:
     """Nodes (·, 3) of a grid on the unit cube, its cells, and the facets of its sides ``left`` and ``right`` (x),
     ``front`` and ``back`` (y), ``bottom`` and ``top`` (z).
 
@@ -139,7 +139,7 @@ def _solid_grid(
 
 def _grid(
     divisions: Sequence[int], elements: str | None, closed: bool = False
-) -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+) -> tuple[np.ndarray, np.ndarray, Groups]:
     """In space `_solid_grid`; in the plane the nodes (·, 2) of a grid on the unit square, its cells, bricks or cut into
     triangles, and the edges of its sides ``bottom``, ``right``, ``top`` and ``left``. Diagonals go from lower left to
     upper right.
