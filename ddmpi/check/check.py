@@ -3,7 +3,7 @@
 import contextlib
 import dataclasses
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import msgspec
@@ -13,7 +13,7 @@ from mpi4py import MPI
 from ddmpi.body.compliance import SOLVERS, bytes_in_words
 from ddmpi.body.loads import VOLUME, loads_by_group
 from ddmpi.check.costs import forecast, memory_of_solver
-from ddmpi.check.drawing import Looked, draw
+from ddmpi.check.drawing import Bodies, Looked, draw
 from ddmpi.check.faces import describe_face
 from ddmpi.check.nearby import Boundary, Missing, find_missing
 from ddmpi.check.page import write_check
@@ -270,7 +270,7 @@ def _vector(value: Sequence[float] | np.ndarray, summands: np.ndarray) -> str:
 
 def _page(
     assembly: Assembly,
-    bodies: Mapping[str, Looked],
+    bodies: Bodies,
     interfaces: Sequence[Interface],
     missing: Sequence[Missing],
     free: Sequence[str],

@@ -73,6 +73,10 @@ class Looked:
     doubt: str  # a warning of its mesh, or nothing
 
 
+Bodies = Mapping[str, Looked]
+"""What is looked at, by name."""
+
+
 class Plan(Sheet):
     """A picture of bodies as they are drawn, with words and marks on them."""
 
@@ -90,7 +94,7 @@ class Plan(Sheet):
             bbox={"boxstyle": "round,pad=0.15", "facecolor": "#ffffffb0", "edgecolor": "none"},
         )
 
-    def show_groups(self, bodies: Mapping[str, Looked], most: float = np.inf) -> list[str]:
+    def show_groups(self, bodies: Bodies, most: float = np.inf) -> list[str]:
         """Draw meshes with their groups in colours by name, and write the names, with those of `bodies` that have one,
         unless there are more than `most`. The groups whose names are not seen.
 
@@ -176,7 +180,7 @@ def _plan(results: Results, behind: bool = False) -> Plan:
 def draw(
     folder: Path,
     scene: Settled,
-    bodies: Mapping[str, Looked],
+    bodies: Bodies,
     interfaces: Sequence[Interface],
     missing: Sequence[Missing],
     number: int = 0,
@@ -210,9 +214,7 @@ def draw(
     return list(pictures)
 
 
-def as_results(
-    scene: Settled, bodies: Mapping[str, Looked], interfaces: Sequence[Interface]
-) -> Results:
+def as_results(scene: Settled, bodies: Bodies, interfaces: Sequence[Interface]) -> Results:
     """Bodies and contacts at rest, in the form of results, for the pictures of a run."""
     meshes = [body.mesh for body in bodies.values()]
     plain_scene = scene.resolved()
@@ -256,7 +258,7 @@ def as_results(
     )
 
 
-def draw_bodies(results: Results, bodies: Mapping[str, Looked], behind: bool = False) -> Any:
+def draw_bodies(results: Results, bodies: Bodies, behind: bool = False) -> Any:
     """Meshes with their groups, loads and clamps; a figure."""
     plan = _plan(results, behind)
     looked = list(bodies.values())

@@ -8,7 +8,16 @@ from typing import Any
 import numpy as np
 
 from ddmpi.body.loads import VOLUME
-from ddmpi.check.drawing import ARROW, GROUPS, PLACES, Looked, as_results, load_arrows, thinned
+from ddmpi.check.drawing import (
+    ARROW,
+    GROUPS,
+    PLACES,
+    Bodies,
+    Looked,
+    as_results,
+    load_arrows,
+    thinned,
+)
 from ddmpi.check.faces import Piece, describe_face, face_of, pieces_of
 from ddmpi.check.nearby import Missing
 from ddmpi.interface.interface import Interface
@@ -48,7 +57,7 @@ KNOB = 0.007  # size of the marks of supports, and width of arrows, over the bod
 def write_check(
     path: Path,
     scene: Settled,
-    bodies: Mapping[str, Looked],
+    bodies: Bodies,
     interfaces: Sequence[Interface],
     missing: Sequence[Missing],
 ) -> Path:
@@ -139,9 +148,7 @@ class _Scenery:
     coarsened : words of what is left out, or nothing
     """
 
-    def __init__(
-        self, results: Results, bodies: Mapping[str, Looked], pieces: Sequence[Piece]
-    ) -> None:
+    def __init__(self, results: Results, bodies: Bodies, pieces: Sequence[Piece]) -> None:
         self._results = results
         self._view = View(results.points, _asked(results))
         self.extent = float(np.ptp(results.points, axis=0).max())
@@ -342,7 +349,7 @@ _ARROW = (
 """Points (13, 3) and triangles (14, 3) of an arrow from 0 to 1 along the first axis."""
 
 
-def _signs(bodies: Mapping[str, Looked], extent: float, unit_of: str) -> Iterator[_Sign]:
+def _signs(bodies: Bodies, extent: float, unit_of: str) -> Iterator[_Sign]:
     """Arrows of loads and weights, and marks of supports, where there are some."""
     looked = list(bodies.values())
     loads = load_arrows(looked, extent, unit_of)
@@ -416,7 +423,7 @@ class _Told:
         self,
         scene: Settled,
         plain: Mapping[str, Any],
-        bodies: Mapping[str, Looked],
+        bodies: Bodies,
         interfaces: Sequence[Interface],
         missing: Sequence[Missing],
     ) -> None:

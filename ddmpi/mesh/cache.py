@@ -18,7 +18,7 @@ from typing import Any
 import ddmpi
 from ddmpi.errors import OutputError
 from ddmpi.kept.kept import digest
-from ddmpi.mesh.mesh import Face
+from ddmpi.mesh.mesh import Face, Faces
 
 FOLDER = ".ddmpi-meshes"
 """Beside the results."""
@@ -79,7 +79,7 @@ def name_of(folder: Path, *depends: Any) -> str:
     ).hexdigest()
 
 
-def recall(name: str, target: Path) -> dict[str, Face] | None:
+def recall(name: str, target: Path) -> Faces | None:
     """Write the kept mesh of a name as `target`, and return its numbered faces; None where there is none. A damaged one
     is told. Not collective."""
     if not name:
@@ -107,7 +107,7 @@ def recall(name: str, target: Path) -> dict[str, Face] | None:
     }
 
 
-def keep(name: str, mesh: Path, faces: dict[str, Face], seconds: float) -> None:
+def keep(name: str, mesh: Path, faces: Faces, seconds: float) -> None:
     """Keep what gmsh has written after so many `seconds`, if these are many. Not collective."""
     if not name or seconds < LONG:
         return

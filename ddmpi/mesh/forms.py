@@ -21,7 +21,7 @@ from ddmpi.mesh.boundary import (
     samples,
     where,
 )
-from ddmpi.mesh.mesh import PHYSICAL, Face
+from ddmpi.mesh.mesh import PHYSICAL, Face, Faces
 from ddmpi.system.numbers import in_words, nearest_in
 
 KINDS = {
@@ -100,7 +100,7 @@ def _numbers(place: str | None) -> np.ndarray:
     return np.array([*given, 0.0, 0.0, 0.0])[:3]
 
 
-def name_sides(gmsh, script: bool, asked: Collection[str], label: str) -> dict[str, Face]:
+def name_sides(gmsh, script: bool, asked: Collection[str], label: str) -> Faces:
     """Make groups of curves and faces by their numbers, and by the last part of their labels: of all that bound the
     body in a file that is no `script`, and in one without groups of which numbers are `asked`; else of those asked for
     that are no groups yet. So are curves of solids and points, as in "curve 5" and "point 3", and faces by what they

@@ -30,7 +30,7 @@ from ddmpi.mesh.boundary import (
 from ddmpi.mesh.cache import keep, name_of, recall
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.forms import name_sides
-from ddmpi.mesh.mesh import PHYSICAL, Face, Mesh
+from ddmpi.mesh.mesh import PHYSICAL, Faces, Mesh
 from ddmpi.mesh.read import MSH, gmsh_session, name_groups, read_mesh
 from ddmpi.mesh.refine import GRADE, Sizes
 from ddmpi.mesh.shapes import draw_shape
@@ -282,7 +282,7 @@ def _draw(
     contacts: Collection[str],
     sizes: Sizes | None,
     label: str,
-) -> dict[str, Face]:
+) -> Faces:
     """Write the mesh of the drawing `source`, or of a shape, as DRAWN, and say what its numbered faces are; for a
     process that does nothing else. Raises InputError."""
     with gmsh_session() as gmsh, _gmsh_errors(f"{label} cannot be meshed"):
@@ -310,7 +310,7 @@ def _draw(
 
 def _choose_groups(
     gmsh, script: bool, body: BodySpec, contacts: Collection[str], label: str
-) -> dict[str, Face]:
+) -> Faces:
     """Name the groups, and save the cells of the body. Raises InputError."""
     d = gmsh.model.getDimension()
     name_groups(gmsh)

@@ -73,6 +73,10 @@ class Face(NamedTuple):
     axis: tuple[tuple[float, ...], ...] = ()
 
 
+Faces = dict[str, Face]
+"""Numbered curves or faces by their names."""
+
+
 @dataclass(frozen=True)
 class Mesh:
     """Triangles or tetrahedra of one body. Not distributed; every array is local to the body.
@@ -104,7 +108,7 @@ class Mesh:
     cut: int = 0
     curves: Groups = field(default_factory=dict)
     axisymmetric: bool = False
-    faces: dict[str, Face] = field(default_factory=dict)
+    faces: Faces = field(default_factory=dict)
     integration: str = ""
 
     @property

@@ -2,17 +2,16 @@
 
 import unicodedata
 from collections import Counter
-from collections.abc import Iterator
 from typing import Any
 
 from ddmpi.errors import nearest
 from ddmpi.scene.formulas import check_formulas, formulas_of
 from ddmpi.scene.motions import wrong_motions
-from ddmpi.scene.values import tables
+from ddmpi.scene.values import Mistakes, tables
 from ddmpi.system.files import LONGEST, contact_files
 
 
-def mistakes(scene: Any) -> Iterator[str]:
+def mistakes(scene: Any) -> Mistakes:
     """What is wrong with a `Scene`; the first sentence is certain, later ones may follow from it. Raises ValueError for
     formulas that cannot be evaluated."""
     yield from _unnamed(scene.contact)
@@ -57,7 +56,7 @@ def mistakes(scene: Any) -> Iterator[str]:
         )
 
 
-def _unnamed(contacts: list[Any]) -> Iterator[str]:
+def _unnamed(contacts: list[Any]) -> Mistakes:
     """Contacts of the same bodies have names, and contacts have sides of their own."""
     pairs: set[frozenset[str]] = set()
     sides: dict[frozenset[tuple[str, str]], str] = {}
@@ -79,7 +78,7 @@ def _unnamed(contacts: list[Any]) -> Iterator[str]:
         sides[both] = contact.called
 
 
-def _names(scene: Any) -> Iterator[str]:
+def _names(scene: Any) -> Mistakes:
     """Bodies and rigid partners share one list of names, contacts have another."""
     named = {
         "body": [body.name for body in scene.body],
@@ -101,7 +100,7 @@ def _names(scene: Any) -> Iterator[str]:
             )
 
 
-def _files(contacts: list[Any]) -> Iterator[str]:
+def _files(contacts: list[Any]) -> Mistakes:
     """The files of contacts differ, also on file systems that do not distinguish capitals and small letters."""
     written: dict[str, tuple[str, str]] = {}
     named = [
@@ -124,7 +123,7 @@ def _files(contacts: list[Any]) -> Iterator[str]:
             )
 
 
-def _partners(scene: Any, contact: Any) -> Iterator[str]:
+def _partners(scene: Any, contact: Any) -> Mistakes:
     """A contact is between two bodies, or a body and then a rigid partner."""
     key = f"contact.{contact.called}.bodies"
     bodies = [body.name for body in scene.body]
@@ -146,7 +145,7 @@ def _partners(scene: Any, contact: Any) -> Iterator[str]:
         )
 
 
-def _roles(scene: Any, contact: Any) -> Iterator[str]:
+def _roles(scene: Any, contact: Any) -> Mistakes:
     """A contact has a group for each body, and a rigid partner none; what has no surface has bonds alone."""
     key = f"contact.{contact.called}"
     first, second = contact.bodies
@@ -174,7 +173,7 @@ def _roles(scene: Any, contact: Any) -> Iterator[str]:
         )
 
 
-def _sides(contact: Any) -> Iterator[str]:
+def _sides(contact: Any) -> Mistakes:
     """A contact of a body with itself has two sides, and the slave is one of both."""
     key = f"contact.{contact.called}"
     if contact.itself and len({*contact.on}) < 2:
@@ -190,7 +189,7 @@ def _sides(contact: Any) -> Iterator[str]:
         )
 
 
-def _materials(scene: Any) -> Iterator[str]:
+def _materials(scene: Any) -> Mistakes:
     """Parts with contacts or foundations have the depth of the others, and all meshes one order."""
     touched = {name for contact in scene.contact for name in contact.bodies}
     for body in scene.body:
@@ -208,7 +207,7 @@ def _materials(scene: Any) -> Iterator[str]:
         )
 
 
-def _images(scene: Any) -> Iterator[str]:
+def _images(scene: Any) -> Mistakes:
     """Images are of bodies, and all turned ones make one wheel."""
     imaged = [contact for contact in scene.contact if contact.image]
     first = next((contact for contact in imaged if contact.image.turn), None)
@@ -225,7 +224,7 @@ def _images(scene: Any) -> Iterator[str]:
             )
 
 
-def _image(scene: Any, contact: Any) -> Iterator[str]:
+def _image(scene: Any, contact: Any) -> Mistakes:
     """What does not go with the image of a contact."""
     image = contact.image
     second = contact.bodies[1]
@@ -239,7 +238,7 @@ def _image(scene: Any, contact: Any) -> Iterator[str]:
         yield "a bond with a pretension has no image; leave one of them out"
 
 
-def _copies(scene: Any) -> Iterator[str]:
+def _copies(scene: Any) -> Mistakes:
     """Copies stay solids of revolution, and what a target makes finer, it makes finer alike."""
     for body in scene.body:
         copy = body.copy
@@ -255,7 +254,7 @@ def _copies(scene: Any) -> Iterator[str]:
             )
 
 
-def _around_axis(scene: Any) -> Iterator[str]:
+def _around_axis(scene: Any) -> Mistakes:
     """Around an axis bonds are pulled and partners pushed along it, and nothing else has another half to show."""
     if not scene.axisymmetric:
         if scene.output.mirrored:
@@ -279,7 +278,7 @@ def _around_axis(scene: Any) -> Iterator[str]:
             )
 
 
-def _histories(scene: Any) -> Iterator[str]:
+def _histories(scene: Any) -> Mistakes:
     """Histories exist, and there are load steps for them."""
     for key, table in tables(scene):
         name = getattr(table, "history", None)
@@ -299,7 +298,7 @@ def _histories(scene: Any) -> Iterator[str]:
         yield "output.animation: plays load steps, and without [time] there is only one; leave it out"
 
 
-def _pretension(scene: Any, contact: Any) -> Iterator[str]:
+def _pretension(scene: Any, contact: Any) -> Mistakes:
     """The history of a pretension ends after the first load step, and not within a cycle."""
     name = contact.pretension and contact.pretension.history
     if not name:
@@ -319,7 +318,7 @@ def _pretension(scene: Any, contact: Any) -> Iterator[str]:
         )
 
 
-def _load_steps(scene: Any) -> Iterator[str]:
+def _load_steps(scene: Any) -> Mistakes:
     """The method supports load steps, and cycles end with the loads with which they begin."""
     if scene.method.for_one:
         yield (
@@ -335,7 +334,7 @@ def _load_steps(scene: Any) -> Iterator[str]:
             )
 
 
-def _heat(bodies: list[Any]) -> Iterator[str]:
+def _heat(bodies: list[Any]) -> Mistakes:
     """Where materials expand, a body has a temperature; others keep that of the state free of stress."""
     expanding = [
         body.name

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Name, Number, OfOne, Point, Table, no_z
+from ddmpi.scene.values import Mistakes, Name, Number, OfOne, Point, Table, no_z
 from ddmpi.system.numbers import SAME, Frame, in_words
 
 
@@ -242,7 +242,7 @@ ONLY_FAR = 'bodies move far with motions = "far" in [time] only; write it there,
 """What is said of keys that mean something for far motions alone."""
 
 
-def wrong_motions(scene: Any) -> Iterator[str]:
+def wrong_motions(scene: Any) -> Mistakes:
     """Why the motions of a `Scene` do not go with the rest of it."""
     movers = {
         f"{kind}.{each.name}": each for kind in ("body", "rigid") for each in getattr(scene, kind)
@@ -266,7 +266,7 @@ def wrong_motions(scene: Any) -> Iterator[str]:
         yield from _not_sliding(contact)
 
 
-def _only_far(scene: Any, moving: Mapping[str, list[Motion]]) -> Iterator[str]:
+def _only_far(scene: Any, moving: Mapping[str, list[Motion]]) -> Mistakes:
     """Keys that mean something for far motions alone."""
     for key in moving:
         yield (f"{key}.motion: {ONLY_FAR}; small motions are those of clamps")
@@ -276,7 +276,7 @@ def _only_far(scene: Any, moving: Mapping[str, list[Motion]]) -> Iterator[str]:
                 yield (f"body.{body.name}.traction.{k}.follows: {ONLY_FAR}")
 
 
-def _still_pushed(partners: list[Any]) -> Iterator[str]:
+def _still_pushed(partners: list[Any]) -> Mistakes:
     """Rigid partners that are pushed or displaced, and do not move as their motion says."""
     for rigid in partners:
         if rigid.yields or any(rigid.displacement or ()):
@@ -286,7 +286,7 @@ def _still_pushed(partners: list[Any]) -> Iterator[str]:
             )
 
 
-def _beside_far(scene: Any) -> Iterator[str]:
+def _beside_far(scene: Any) -> Mistakes:
     """Cycles, derivatives, errors or a kind of compliance that do not go with far motions."""
     if scene.time.cycle:
         yield (
@@ -315,7 +315,7 @@ def _prescribed(motions: list[Motion]) -> set[str]:
     return moved
 
 
-def _parts(key: str, motions: list[Motion], axisymmetric: bool) -> Iterator[str]:
+def _parts(key: str, motions: list[Motion], axisymmetric: bool) -> Mistakes:
     """Parts of a motion of the body or partner `key` that do not go with one another."""
     free = [part.free for part in motions if part.free]
     first: set[str] = set(*free[:1])
@@ -336,7 +336,7 @@ def _parts(key: str, motions: list[Motion], axisymmetric: bool) -> Iterator[str]
         )
 
 
-def _not_sliding(contact: Any) -> Iterator[str]:
+def _not_sliding(contact: Any) -> Mistakes:
     """What a contact has that bodies which slide far cannot have."""
     profiles = not isinstance(contact.rubbing[0], float | int) or bool(contact.rubbing[1])
     for key, given, why in (

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import NonNegative, Number, Positive, Table, Tolerance, settle
+from ddmpi.scene.values import Mistakes, NonNegative, Number, Positive, Table, Tolerance, settle
 from ddmpi.system.numbers import ALIKE
 
 
@@ -127,7 +127,7 @@ class Time(Table, frozen=True, kw_only=True):
         """The times at which a cycle begins and ends; none without one."""
         return (self.cycle.begin, self.cycle.to) if self.cycle else ()
 
-    def wrong_cycle(self, histories: Mapping[str, History]) -> Iterator[str]:
+    def wrong_cycle(self, histories: Mapping[str, History]) -> Mistakes:
         """How a cycle does not end with the loads with which it begins."""
         if not self.cycle:
             return

@@ -51,6 +51,9 @@ def joined(on: Any) -> str:
     return "+".join(map(str, on)) if isinstance(on, tuple) else str(on)
 
 
+Mistakes = Iterator[str]
+"""What is wrong, a sentence each."""
+
 OfOne = tuple[int, str, str]
 """Of a key that belongs to one dimension only: the dimension, the key, and the reason."""
 
