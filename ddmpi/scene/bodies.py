@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -12,17 +12,17 @@ from msgspec.structs import force_setattr, replace
 from ddmpi.scene.meshes import AROUND, TOWARDS_CONTACTS, WITH_ORIGIN, MeshSpec, SettledMesh
 from ddmpi.scene.motions import Copy, Motions
 from ddmpi.scene.values import (
-    AffineScalar,
     AffineVector,
     Formula,
     Group,
+    Misplaced,
     Name,
     NonNegative,
     Number,
-    OfOne,
     On,
     Point,
     Positive,
+    Scalar,
     Table,
     Vector,
     joined,
@@ -137,7 +137,7 @@ class Material(Table, frozen=True, kw_only=True):
         if isinstance(self.expansion, tuple):
             raise ValueError("expansion: an isotropic material has no axes; write expansion = α")
 
-    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+    def of_one_dimension(self, axisymmetric: bool) -> Misplaced:
         if self.plane:
             yield (
                 3 if axisymmetric else 2,
@@ -311,12 +311,12 @@ class Clamp(Table, frozen=True, kw_only=True):
     """
 
     on: On
-    x: Number | Formula | AffineScalar | None = None
-    y: Number | Formula | AffineScalar | None = None
-    z: Number | Formula | AffineScalar | None = None
-    normal: Number | Formula | AffineScalar | None = None
+    x: Scalar | None = None
+    y: Scalar | None = None
+    z: Scalar | None = None
+    normal: Scalar | None = None
     along: Vector | None = None
-    value: Number | Formula | AffineScalar | None = None
+    value: Scalar | None = None
     history: Name | None = None
 
     def __post_init__(self) -> None:
@@ -332,7 +332,7 @@ class Clamp(Table, frozen=True, kw_only=True):
             raise ValueError("along: the direction must not be zero")
 
     @property
-    def components(self) -> tuple[Number | Formula | AffineScalar | None, ...]:
+    def components(self) -> tuple[Scalar | None, ...]:
         """x, y and z."""
         return self.x, self.y, self.z
 
@@ -353,7 +353,7 @@ class Traction(Table, frozen=True, kw_only=True):
 
     on: On
     value: Vector | AffineVector | None = None
-    pressure: Number | Formula | AffineScalar | None = None
+    pressure: Scalar | None = None
     force: Point | None = None
     moment: Number | Three | None = None
     history: Name | None = None
@@ -368,14 +368,14 @@ class Traction(Table, frozen=True, kw_only=True):
                 "(N m), as in moment = 50.0 or, in space, [0.0, 0.0, 50.0]"
             )
 
-    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+    def of_one_dimension(self, axisymmetric: bool) -> Misplaced:
         if self.moment is not None and axisymmetric:
             yield 3, "moment", no_z(axisymmetric)
         elif isinstance(self.moment, float):
             yield 2, "moment", "in space a moment is [Mx, My, Mz]"
 
     @property
-    def given(self) -> Vector | AffineVector | Number | Formula | AffineScalar:
+    def given(self) -> Vector | AffineVector | Scalar:
         """The value, the pressure, the force or the moment, whichever there is."""
         return next(
             one for one in (self.value, self.pressure, self.force, self.moment) if one is not None

@@ -1,7 +1,6 @@
 """Types of one contact, with its sides and laws, and of rigid partners, which are surfaces."""
 
 import math
-from collections.abc import Iterator
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 
 import msgspec
@@ -12,10 +11,10 @@ from ddmpi.scene.motions import Image, Motions
 from ddmpi.scene.values import (
     WHERE,
     Formula,
+    Misplaced,
     Name,
     NonNegative,
     Number,
-    OfOne,
     On,
     Point,
     Positive,
@@ -63,7 +62,7 @@ class Profile(Table, frozen=True, kw_only=True):
         if any(b < a for a, b in zip(self.points, self.points[1:], strict=False)):
             raise ValueError("points must ascend (a repeated point is a jump)")
 
-    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+    def of_one_dimension(self, axisymmetric: bool) -> Misplaced:
         if self.along == "arc":
             yield 2, "along", 'surfaces have no arc length; take a coordinate, such as along = "x"'
         if self.along == "z":
@@ -435,7 +434,7 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
                     "so set one of them to 0"
                 )
 
-    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+    def of_one_dimension(self, axisymmetric: bool) -> Misplaced:
         if self.only_in:
             shapes = [kind for kind in get_args(Rigid) if kind.surface]
             others = ", ".join(tag_of(kind) for kind in shapes if kind.only_in != self.only_in)

@@ -5,7 +5,7 @@ from typing import Any
 
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.formulas import formulas_of, varies
-from ddmpi.scene.values import WHERE, OfOne, no_z, tables
+from ddmpi.scene.values import WHERE, Misplaced, no_z, tables
 
 FileKind = Callable[[BodySpec], tuple[int, int]]
 """Gives dimension and order of the elements in the mesh file, or in the drawing, of a body; raises InputError."""
@@ -75,7 +75,7 @@ def _files(scene: Any, file_kind: FileKind) -> list[Given]:
     ]
 
 
-def misplaced(scene: Any) -> Iterator[OfOne]:
+def misplaced(scene: Any) -> Misplaced:
     """What belongs to one dimension only: the dimension, the key, and the reason."""
     if scene.axisymmetric:
         yield 2, "axisymmetric", "axisymmetric bodies are drawn in the half-plane x >= 0"

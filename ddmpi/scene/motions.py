@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import msgspec
 import numpy as np
 
-from ddmpi.scene.values import Mistakes, Name, Number, OfOne, Point, Table, no_z
+from ddmpi.scene.values import Misplaced, Mistakes, Name, Number, Point, Table, no_z
 from ddmpi.system.numbers import SAME, Frame, in_words
 
 
@@ -51,7 +51,7 @@ class Moved(Table, frozen=True, kw_only=True):
         if self.axis is not None and not any(self.axis):
             raise ValueError("axis must not be zero; a turn is about it, by the right-hand rule")
 
-    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+    def of_one_dimension(self, axisymmetric: bool) -> Misplaced:
         if self.axis:
             yield 3, "axis", "in the plane turns are in it"
         elif self.turn:
@@ -180,7 +180,7 @@ class Motion(Moved, frozen=True, kw_only=True):
                     f'force: acts along {axis}, which is not free; write free = ["{axis}"], or 0 there'
                 )
 
-    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+    def of_one_dimension(self, axisymmetric: bool) -> Misplaced:
         if "z" in (self.free or ()):
             yield 3, "free", no_z(axisymmetric)
         if isinstance(self.moment, tuple) and not self.axis:

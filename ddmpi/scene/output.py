@@ -1,11 +1,10 @@
 """Types of the output: files, pictures and checkpoints, and the units in their words."""
 
-from collections.abc import Iterator
 from typing import Annotated, Literal
 
 import msgspec
 
-from ddmpi.scene.values import NonNegative, Number, OfOne, Table
+from ddmpi.scene.values import Misplaced, NonNegative, Number, Table
 
 Side = Literal["front", "back", "left", "right", "top", "bottom", "iso"]
 Field = Literal[
@@ -115,7 +114,7 @@ class Output(Table, frozen=True, kw_only=True):
                 f'animation = "{self.animation}" asks for stresses; drop stress = false'
             )
 
-    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+    def of_one_dimension(self, axisymmetric: bool) -> Misplaced:
         for name in ("view", "cut"):
             if getattr(self, name) not in (None, True, False):
                 yield 3, name, "only pictures of solids have a view and a cut; leave it out"

@@ -54,8 +54,8 @@ def joined(on: Any) -> str:
 Mistakes = Iterator[str]
 """What is wrong, a sentence each."""
 
-OfOne = tuple[int, str, str]
-"""Of a key that belongs to one dimension only: the dimension, the key, and the reason."""
+Misplaced = Iterator[tuple[int, str, str]]
+"""Of keys that belong to one dimension only: the dimension, the key, and the reason."""
 
 
 def no_z(axisymmetric: bool) -> str:
@@ -66,7 +66,7 @@ def no_z(axisymmetric: bool) -> str:
 class Table(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A TOML table in which unknown keys are errors."""
 
-    def of_one_dimension(self, axisymmetric: bool) -> Iterator[OfOne]:
+    def of_one_dimension(self, axisymmetric: bool) -> Misplaced:
         """Those of its keys that belong to one dimension only."""
         if getattr(self, "z", None) is not None:
             yield 3, "z", no_z(axisymmetric)
@@ -128,3 +128,7 @@ class AffineScalar(Table, frozen=True, kw_only=True):
     x_slope: Number = 0.0
     y_slope: Number = 0.0
     z_slope: Number = 0.0
+
+
+Scalar = Number | Formula | AffineScalar
+"""A number, or one that depends on the place."""
