@@ -56,6 +56,10 @@ LARGEST_NUMBER = 10**8
 """Meshio makes a table as long as the largest number of a node: 0.8 GB for this one."""
 
 
+Run = tuple[np.ndarray, np.ndarray]
+"""Numbers of nodes or elements (m,), and nodes (m, k)."""
+
+
 class _Words:
     """The numbers of a section of an MSH file, in text or binary, one after the other."""
 
@@ -129,7 +133,7 @@ def refuse_lost_numbers(path: Path, label: str) -> None:
             )
 
 
-def _numbers(data: bytes) -> tuple[np.ndarray, list[tuple[np.ndarray, np.ndarray]]]:
+def _numbers(data: bytes) -> tuple[np.ndarray, list[Run]]:
     """The numbers (n,) of the nodes of an MSH file, and of elements in blocks: (m,), with nodes (m, k)."""
     version, kind, size = data[data.index(b"$MeshFormat") :].split(maxsplit=4)[1:4]
     if version not in (b"2", b"2.0", b"2.1", b"2.2", b"4.1"):
@@ -154,7 +158,7 @@ def _section(data: bytes, name: bytes) -> bytes:
     return data[start : data.index(b"$End" + name, start)]
 
 
-def _entities(words: _Words, coordinates: int) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _entities(words: _Words, coordinates: int) -> Iterator[Run]:
     """Of version 4.1: by entity the numbers of its nodes, or else rows of its elements: number, nodes."""
     for _ in range(words.take("size", 4)[0]):
         kind = int(words.take("int", 3)[2])
@@ -168,7 +172,7 @@ def _entities(words: _Words, coordinates: int) -> Iterator[tuple[np.ndarray, np.
             yield np.empty(0), words.take("size", count * (1 + COUNTS[kind])).reshape(count, -1)
 
 
-def _runs(words: _Words) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _runs(words: _Words) -> Iterator[Run]:
     """Of version 2 in text: runs of elements of one type with as many tags, by number and nodes."""
     window = WINDOW
     left = words.line()
@@ -189,7 +193,7 @@ def _runs(words: _Words) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         at += run * step
 
 
-def _binary_runs(words: _Words) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+def _binary_runs(words: _Words) -> Iterator[Run]:
     """The same in binary, where a file says of how many elements a run is."""
     left = words.line()
     while left > 0:

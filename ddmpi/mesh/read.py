@@ -26,6 +26,7 @@ from ddmpi.mesh.refine import (
     bend,
     bricks,
     distinct,
+    kinds_among,
     raise_order,
     simplices,
 )
@@ -188,9 +189,8 @@ def file_kind(path: Path, body: str, part: str | None = None) -> tuple[int, int]
     raw = _load(path, label, part)
     d, order = _kind(raw)
     if part is not None:
-        last = np.cumsum([len(raw.cells_dict.get(kind, ())) for kind in KINDS[d]])
-        some = np.unique(np.searchsorted(last, _members(raw, d, part, label), side="right"))
-        order = max(list(KINDS[d].values())[k] for k in some)
+        own = kinds_among(raw, d, _members(raw, d, part, label))
+        order = max(KINDS[d][kind] for kind in own)
     return d, order
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
+from ddmpi.decks import cards
 from ddmpi.decks.cards import FACES, SIDES, are_upright
 from ddmpi.errors import InputError
 from ddmpi.mesh.elements import BRICKS, CELLS, CUTS, Cell, cell_with
@@ -268,14 +269,19 @@ def _bows(points: np.ndarray, ends: np.ndarray, middles: np.ndarray) -> np.ndarr
     return CELLS[1, 2].bends(points[nodes], SAME)[:, :, 0]
 
 
+def kinds_among(raw, d: int, some: np.ndarray | None) -> list[str]:
+    """The kinds of all elements of dimension d, or of `some` of them, counted through all KINDS."""
+    kinds = list(KINDS[d])
+    counts = [len(raw.cells_dict.get(kind, ())) for kind in kinds]
+    number = np.repeat(np.arange(len(kinds)), counts)
+    return [kinds[k] for k in np.unique(number if some is None else number[some])]
+
+
 def are_bricks(raw, d: int, some: np.ndarray | None) -> bool:
     """Whether all elements of dimension d, or `some` of them, counted through all KINDS, are quadrilaterals, or
     hexahedra, whose maps by their corners turn nowhere."""
     cell = BRICKS[d, 1]
-    kinds = list(KINDS[d])
-    number = [len(raw.cells_dict.get(kind, ())) for kind in kinds]
-    kind = np.repeat(np.arange(len(kinds)), number)
-    own = {kinds[k].rstrip("0123456789") for k in np.unique(kind if some is None else kind[some])}
+    own = {cards.shape(kind) for kind in kinds_among(raw, d, some)}
     if own != {cell.shape.kind}:
         return False
     corners, _, element = bricks(raw, d, raw.points)
@@ -287,8 +293,8 @@ def are_bricks(raw, d: int, some: np.ndarray | None) -> bool:
 def _of_kind(raw, kind: str) -> tuple[str, np.ndarray, np.ndarray]:
     """The shape of a kind of elements, and their nodes at corners and in the middles of edges."""
     nodes = raw.cells_dict.get(kind, np.empty((0, 27), int)).astype(np.int64)
-    shape = kind.rstrip("0123456789")
-    number = 1 + max(map(max, SIDES[shape]))
+    shape = cards.shape(kind)
+    number = cards.corners(kind)
     return shape, nodes[:, :number], nodes[:, number : number + len(SIDES[shape])]
 
 
