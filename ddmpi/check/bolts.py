@@ -3,12 +3,12 @@ across the axis that is in contact, and between them all holes are wider."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from ddmpi.check.nearby import Boundary, Missing
+from ddmpi.check.nearby import Boundaries, Boundary, Missing
 from ddmpi.mesh.forms import WITHIN
 
 ALONG = 0.2
@@ -84,7 +84,7 @@ class Bolt(NamedTuple):
         return None if self.along is None else {"along": (np.round(self.along, 9) + 0.0).tolist()}
 
 
-def find_bolts(boundaries: Mapping[str, Boundary], missing: Sequence[Missing]) -> list[Bolt]:
+def find_bolts(boundaries: Boundaries, missing: Sequence[Missing]) -> list[Bolt]:
     """The bolts of bodies with these `boundaries` and possible contacts; a rod with two nuts is two of them."""
     rounds = [each for name, body in boundaries.items() for each in _rounds(name, body)]
     found = list[Bolt]()
@@ -108,9 +108,7 @@ def _rounds(name: str, body: Boundary) -> Iterator[_Round]:
             yield _Round(name, face, drawn.radius, ends, bool(out.sum() < 0.0))
 
 
-def _bearings(
-    shank: _Round, boundaries: Mapping[str, Boundary], missing: Sequence[Missing]
-) -> list[_Bearing]:
+def _bearings(shank: _Round, boundaries: Boundaries, missing: Sequence[Missing]) -> list[_Bearing]:
     """The planes across an axis that are in contact."""
     bearings = list[_Bearing]()
     for lack in missing:

@@ -3,20 +3,20 @@ touch, and its bolts."""
 
 import os
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
 import numpy as np
 
 from ddmpi.check.bolts import Bolt, find_bolts, is_of_shank
-from ddmpi.check.nearby import Boundary, Missing, find_missing, free_name
-from ddmpi.errors import TakenError
+from ddmpi.check.nearby import Boundaries, Boundary, Missing, find_missing, free_name
 from ddmpi.mesh.alike import Drawn, list_drawn
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec
 from ddmpi.scene.reader import write_toml
+from ddmpi.system.files import refuse_taken
 
 STEEL = {"young": 210000.0, "poisson": 0.3}
 """The material of all parts until a user says otherwise (MPa); gmsh reads CAD files in millimetres."""
@@ -38,10 +38,7 @@ def draft_scene(assembly: str | Path, output: str | Path) -> str:
     path = Path(assembly).resolve()
     folder = Path(output)
     target = folder / "scene.toml"
-    if os.path.lexists(target):
-        raise TakenError(
-            f"{target} is there already; nothing is overwritten; choose another --output"
-        )
+    refuse_taken(target)
     dimension, parts = list_drawn(path, path.name)
     bodies, words = _bodies(parts, os.path.relpath(path, folder.resolve()))
     boundaries = _boundaries(parts, bodies, path, dimension)
@@ -133,7 +130,7 @@ def _boundaries(
     return boundaries
 
 
-def _thread(bolt: Bolt, boundaries: Mapping[str, Boundary]) -> Missing:
+def _thread(bolt: Bolt, boundaries: Boundaries) -> Missing:
     """The contact of a bolt's thread."""
     on = tuple("+".join(faces) for faces in bolt.on)
     faces = [boundaries[name].faces for name in bolt.bodies]

@@ -111,6 +111,10 @@ class Boundary:
         return names
 
 
+Boundaries = Mapping[str, Boundary]
+"""Those of bodies by name."""
+
+
 class Missing(NamedTuple):
     """A missing contact."""
 
@@ -262,7 +266,7 @@ def _first_of_each(some: np.ndarray, distance: np.ndarray) -> np.ndarray:
 
 
 def find_missing(
-    boundaries: Mapping[str, Boundary], rigid: Sequence[Rigid], contacts: Sequence[SettledContact]
+    boundaries: Boundaries, rigid: Sequence[Rigid], contacts: Sequence[SettledContact]
 ) -> Iterator[Missing]:
     """Groups of bodies, of one or two, and rigid partners, that face each other closer than NEAR, but not in a contact
     of both. Facets are compared with the nearest point to their middle. Not collective."""

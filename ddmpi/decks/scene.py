@@ -1,6 +1,5 @@
 """The scene of a deck: bodies with materials, clamps and loads, contacts, histories; and `ddmpi import`."""
 
-import os
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,8 +25,9 @@ from ddmpi.decks.material import Matter
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Cut, Piece, cut, elements_of, own_name, rows_of, split
 from ddmpi.decks.rigid import RigidSets
-from ddmpi.errors import InputError, TakenError
+from ddmpi.errors import InputError
 from ddmpi.scene.reader import read_scene, write_toml
+from ddmpi.system.files import refuse_taken
 
 VARIANTS = {
     "": "",
@@ -280,11 +280,7 @@ def import_deck(
         f"# from {path.name}; lengths, stresses and forces are in the units of the deck\n" + tried
     )
     files = ["scene.toml", *(f"{piece.name}.inp" for piece in importer.pieces)]
-    there = [name for name in files if os.path.lexists(folder / name)]
-    if there:
-        raise TakenError(
-            f"{folder / there[0]} is there already; nothing is overwritten; choose another --output"
-        )
+    refuse_taken(*(folder / name for name in files))
     folder.mkdir(parents=True, exist_ok=True)
     for piece in importer.pieces:
         piece.write(folder / f"{piece.name}.inp")

@@ -143,6 +143,11 @@ def _basis(along: np.ndarray, aside: np.ndarray) -> np.ndarray:
     return np.column_stack([along, np.cross(aside, along), aside])
 
 
+def _rounded(vector: np.ndarray, digits: int) -> tuple[float, ...]:
+    """A vector to so many decimals, without a sign of zeros."""
+    return tuple((np.round(vector, digits) + 0.0).tolist())
+
+
 def _written(number: int, turned: np.ndarray, shift: np.ndarray, size: float) -> Copy | None:
     """The motion x ↦ turned x + shift as a scene has it, of `number`, with numbers without rounding; None if it is none.
     Its pivot is the place of its axis next to the origin."""
@@ -150,7 +155,7 @@ def _written(number: int, turned: np.ndarray, shift: np.ndarray, size: float) ->
     angle = float(np.linalg.norm(rotation))
     digits = DIGITS - int(np.ceil(np.log10(size)))
     if round(angle, DEGREES) == 0.0:
-        move = tuple((np.round(shift, digits) + 0.0).tolist())
+        move = _rounded(shift, digits)
         return Copy(of=str(number), shift=move) if any(move) else None
     axis = rotation / angle
     if axis[np.abs(axis).argmax()] < 0.0:
@@ -159,12 +164,12 @@ def _written(number: int, turned: np.ndarray, shift: np.ndarray, size: float) ->
     along = shift @ axis * axis
     across = shift - along
     pivot = (across + np.cross(axis, across) / np.tan(np.radians(angle) / 2)) / 2
-    move = tuple((np.round(along, digits) + 0.0).tolist())
+    move = _rounded(along, digits)
     return Copy(
         of=str(number),
         turn=round(angle, DEGREES),
-        axis=tuple((np.round(axis, 12) + 0.0).tolist()),
-        pivot=tuple((np.round(pivot, digits) + 0.0).tolist()),
+        axis=_rounded(axis, 12),
+        pivot=_rounded(pivot, digits),
         shift=move if any(move) else None,
     )
 

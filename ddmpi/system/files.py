@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from mpi4py import MPI
 
-from ddmpi.errors import InputError, OutputError
+from ddmpi.errors import InputError, OutputError, TakenError
 from ddmpi.system.agreement import agreed
 
 SUMMARY, CHECKPOINT, MECHANISM = "summary.json", "checkpoint.h5", "mechanism.json"
@@ -192,6 +192,15 @@ def put(target: Path, parts: Sequence[tuple[int, np.ndarray]]) -> None:
             if file.tell() != start:  # what follows what was written stays in the buffer
                 file.seek(start)
             file.write(piece.data)
+
+
+def refuse_taken(*paths: Path) -> None:
+    """Raise TakenError where a file would be overwritten. Not collective."""
+    for path in paths:
+        if os.path.lexists(path):
+            raise TakenError(
+                f"{path} is there already; nothing is overwritten; choose another --output"
+            )
 
 
 def write_atomically(path: Path, data: bytes, durable: bool = False) -> None:

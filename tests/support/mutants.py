@@ -1055,8 +1055,8 @@ MUTANTS = [
         (
             "an existing scene is overwritten",
             "decks/scene",
-            "    if there:\n",
-            "    if False:\n",
+            "refuse_taken(*(folder / name for name in files))",
+            "pass",
             f"{DECKS}::test_the_command",
         ),
         (
