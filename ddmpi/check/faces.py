@@ -123,7 +123,9 @@ def describe_face(boundary: Boundary, some: np.ndarray, face: Face, unit: str) -
     words = [face.kind]
     if face.radius:  # normals of a hollow one point to each other
         hollow = np.einsum("kd,kd->k", normal, at - middle) @ measures < 0.0
-        words += [f"r {face.radius:.3g}", *["hollow"] * bool(hollow)]
+        words.append(f"r {face.radius:.3g}")
+        if hollow:
+            words.append("hollow")
     elif np.ptp(normal, axis=0).max() < FLAT:
         axis = int(np.abs(mean).argmax())
         words.append(

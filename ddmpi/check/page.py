@@ -513,7 +513,8 @@ class _Told:
             gap = low if low == high else f"{low} to {high}"
             both = " and ".join(lack.bodies)
             told.append(f"{both} may touch here: {gap} {length} apart, in no contact")
-            paste += [(f"for a contact of {both}, at the end", lines)] * bool(lines)
+            if lines:
+                paste.append((f"for a contact of {both}, at the end", lines))
         return shown | {"name": name, "paste": paste, "on": to_toml(on)}
 
 

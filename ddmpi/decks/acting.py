@@ -205,7 +205,7 @@ class Acts:
 
     def loads(self) -> dict[str, list[Entries]]:
         """The tractions of all bodies by name: pressures on faces, and forces at nodes spread over faces."""
-        found: dict[str, list[Entries]] = {piece.name: [] for piece in self.pieces}
+        found = defaultdict[str, list[Entries]](list)
         for (piece, value, history, way), facets in self._pressed().items():
             load = (
                 {"value": [value * x for x in way[: len(self.axes)]]}
@@ -433,7 +433,8 @@ class Acts:
             warm = tuple((time, value - start[k] if time else 0.0) for time, value in acting.course)
             rise, history = self.factor(acting._replace(course=warm))
             end[k] = start[k] + rise
-            histories |= {history} if rise else set()
+            if rise:
+                histories.add(history)
         if len(histories) > 1:
             self.notes.lost_between_steps(
                 self.kinds["heat"][own[0]].card,

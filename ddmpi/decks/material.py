@@ -84,7 +84,9 @@ class Matter:
                 if name in expansions:
                     material["expansion"] = alpha.tolist() if directed else float(alpha[0])
                 if self.family == "CPS":
-                    material |= {"plane": "stress"} | ({"thickness": thick} if self.varies else {})
+                    material["plane"] = "stress"
+                    if self.varies:
+                        material["thickness"] = thick
                 different.setdefault((name, repr(material)), (material, []))[1].append(some)
         if len(different) == 1:
             return [next(iter(different.values()))[0]]

@@ -245,7 +245,8 @@ class Model:
             elif card.word == "ENDSTEP":
                 raise card.error("no *STEP begins before it")
             else:
-                early += [card] if card.word in OF_STEPS else []
+                if card.word in OF_STEPS:
+                    early.append(card)
                 self._take(card)
             inside = None if card.word == "ENDSTEP" else inside
         if inside is not None:

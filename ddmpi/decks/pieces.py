@@ -242,7 +242,8 @@ class Piece:
             for facets in (loads[component == k] for k in range(component.max(initial=-1) + 1)):
                 nodes = np.unique(self.facets[facets])
                 nodes = nodes[(nodes >= 0) & left[nodes]]
-                found += [(facets, nodes)] if len(nodes) else []
+                if len(nodes):
+                    found.append((facets, nodes))
             left[np.unique(self.facets[some])] = False
         return found, np.flatnonzero(left)
 
@@ -298,7 +299,8 @@ class Piece:
             off = self.points[place] - corners[:, 0]
             at = np.einsum("fd,fde->fe", off, inverse)
             over = (at >= -EXACT).all(axis=1) & (at.sum(axis=1) <= 1.0 + EXACT)
-            found += [float(np.abs((off * normals).sum(axis=1))[over].min())] if over.any() else []
+            if over.any():
+                found.append(float(np.abs((off * normals).sum(axis=1))[over].min()))
         return np.array(found)
 
     @property

@@ -32,7 +32,7 @@ class RigidSets:
         self.model = acts.model
         self.kinds = acts.kinds
         self.clamps: dict[str, list[Entries]] = {piece.name: [] for piece in acts.pieces}
-        self.tractions: dict[str, list[Entries]] = {piece.name: [] for piece in acts.pieces}
+        self.tractions = defaultdict[str, list[Entries]](list)
         self.partners: list[Entries] = []
         self.bonds: list[Entries] = []
         by_node = defaultdict[int, list[Rigid]](list)
@@ -250,7 +250,8 @@ class RigidSets:
                 value, history = self.acts.factor(acting)
                 k = component - 1 + 3 * (node == rigid.turn and apart)
                 values[k] = np.nansum([values[k], value]) if kind == "forces" else value
-                histories |= {history} if value else set()
+                if value:
+                    histories.add(history)
         return values, histories
 
 

@@ -184,8 +184,10 @@ def combined(mesh: Mesh, name: str, clamp: bool = False) -> Mesh:
         lines = links(facets[np.isin(facets, common).sum(axis=1) > 1], mesh.dimension)
         lines = lines[np.isin(lines, common).all(axis=1)]
         rest = np.setdiff1d(common, lines)
-        curves |= {name: lines} if len(lines) else {}
-        vertices |= {name: rest} if len(rest) else {}
+        if len(lines):
+            curves[name] = lines
+        if len(rest):
+            vertices[name] = rest
     for kind in kinds if "&" not in name else ():
         members = [kind[part] for part in parts if part in kind]
         if members:

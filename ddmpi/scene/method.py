@@ -131,7 +131,8 @@ class Method(Table, frozen=True, kw_only=True):
         part = ALGEBRAIC * (min(theta, 1.0) if published else 1.0)
         relative = [one for one in (target, *self.target.values()) if isinstance(one, float)]
         tolerances = [part * one for one in relative]
-        tolerances += [preset["tolerance"]] if preset else []
+        if preset:
+            tolerances.append(preset["tolerance"])
         values: dict[str, Any] = {
             "target_error": target,
             "tolerance": self.tolerance or min(tolerances, default=1e-4 if published else 1e-8),

@@ -163,7 +163,8 @@ def _unknown(place: Place, field: str) -> str:
     fields = list[str]()
     names = list[str]()
     for kind in place.tables:
-        fields += [kind.tag_field] if kind.tag_field else []
+        if kind.tag_field:
+            fields.append(kind.tag_field)
         fields += [entry.encode_name for entry in kind.fields]
         names += [base.__name__ for base in kind.cls.__mro__]
     meant = _meant(field, fields, names)
