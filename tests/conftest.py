@@ -275,6 +275,19 @@ def comm(comm):
     return in_lockstep(comm)
 
 
+@pytest.fixture(autouse=True, scope="session")
+def forked() -> Iterator[None]:
+    """What is done apart is done by children of one process, which imports gmsh once. The commands that tests start, and
+    `test_apart.py`, start processes as users do."""
+    from forked import Forked
+
+    from ddmpi.system import interrupt
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(interrupt, "_other", Forked)
+        yield
+
+
 @pytest.fixture(autouse=True, scope="module")
 def settled() -> None:
     """What there is before a file of tests is no garbage. Each solve collects garbage, and would look at all modules

@@ -19,10 +19,13 @@ import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ddmpi.errors import DdmpiError, InterruptionError
 from ddmpi.system.logs import encodable
+
+if TYPE_CHECKING:
+    import subprocess
 
 SIGNALS = (signal.SIGTERM, signal.SIGUSR1, signal.SIGINT)
 
@@ -111,23 +114,9 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
     Raises InterruptionError, any DdmpiError of `work`, and ChildProcessError, with the way in which the process ended,
     if it did not return from `work`.
     """
-    import subprocess
-
     task = folder / "task"
     task.write_bytes(pickle.dumps((work, arguments)))
-    command = [sys.executable, "-P", "-c", "from ddmpi.system.interrupt import _serve; _serve()"]
-    with (
-        tempfile.TemporaryFile() as said,
-        subprocess.Popen(
-            command,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=said,
-            cwd=folder,
-            env=_environment(folder),
-            process_group=0,
-        ) as child,
-    ):
+    with tempfile.TemporaryFile() as said, _other(folder, said.fileno()) as child:
         assert child.stdout
         try:
             begun = seen = time.monotonic()
@@ -151,6 +140,21 @@ def apart(folder: Path, work: Callable[..., Any], *arguments: Any, doing: str = 
     if isinstance(answer, DdmpiError):
         raise answer
     return answer
+
+
+def _other(folder: Path, said: int) -> subprocess.Popen:
+    """A new process that does the task in a folder, and what it says goes to the file `said`."""
+    import subprocess
+
+    return subprocess.Popen(
+        [sys.executable, "-P", "-c", "from ddmpi.system.interrupt import _serve; _serve()"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=said,
+        cwd=folder,
+        env=_environment(folder),
+        process_group=0,
+    )
 
 
 def _end(code: int, said: int) -> str:

@@ -8,6 +8,14 @@ import pytest
 from ddmpi.errors import InterruptionError
 from ddmpi.system import interrupt
 
+START = interrupt._other
+
+
+@pytest.fixture(autouse=True)
+def by_itself(monkeypatch):
+    """As users start it; other tests have `Forked`."""
+    monkeypatch.setattr(interrupt, "_other", START)
+
 
 def test_work_is_done_elsewhere(tmp_path, monkeypatch):
     """The other process has its own folder as current folder and home, and does not know that this one is a rank."""
