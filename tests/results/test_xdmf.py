@@ -132,7 +132,7 @@ def test_files_of_versions_before_are_read_as_those_of_today(tmp_path, d):
             assert np.array_equal(fields["error"][own], part.error)
 
 
-@pytest.mark.mpi(ranks=3)
+@pytest.mark.mpi(ranks=2)
 def test_ranks_write_kinds_as_one_does(comm, tmp_path):
     """Also where a rank has bodies of two kinds, between those of others."""
     found = []
