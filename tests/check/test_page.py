@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -27,11 +28,17 @@ RING = {
 }
 
 
-def checked(scene: dict, folder) -> tuple[dict, dict]:
+def drawn_too(scene: dict, folder) -> tuple[dict, dict]:
     """The head and the arrays of the page of a scene."""
     run = call("check", str(write_scene(scene, folder / "scene.toml")), "--output", f"{folder}/out")
     assert f"to turn, take apart and click: {folder}/out/check.html" in run.stdout, run.messages
     return unpacked(folder / "out" / "check.html")
+
+
+def checked(scene: dict, folder) -> tuple[dict, dict]:
+    """The same without the pictures beside it."""
+    with mock.patch("ddmpi.check.check.draw", return_value=[]):
+        return drawn_too(scene, folder)
 
 
 def in_file(folder) -> dict:
@@ -119,7 +126,7 @@ def test_a_face_that_is_clamped_by_its_number_is_clamped_once(tmp_path):
     """The line by what it is takes the place of that by its number."""
     scene = SCENES["drawing"](tmp_path)
     scene["body"][0]["clamp"] = [{"on": 1, "x": 0.01}]
-    (one,) = (piece for piece in checked(scene, tmp_path)[0]["pieces"] if piece["name"] == "1")
+    (one,) = (piece for piece in drawn_too(scene, tmp_path)[0]["pieces"] if piece["name"] == "1")
     (line,) = (line for words, line in one["paste"] if words.startswith("to clamp it"))
     assert tomllib.loads(line) == {"clamp": [tomllib.loads(f"on = {one['on']}")["on"]]}
 

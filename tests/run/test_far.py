@@ -176,8 +176,8 @@ def test_given_steps_that_are_too_long_are_told():
         assert all(f"by {100.0 * excess:.2g} % of what it dissipates" in words for words in told)
         return told
 
-    assert said(steps=4)
-    assert "steps = 4, or leave" in said(steps=4)[0]
+    (told,) = said(steps=4)
+    assert "steps = 4, or leave" in told
     assert not said(steps=8) and not said()
 
 
