@@ -42,6 +42,8 @@ ROOT = Path(__file__).resolve().parents[2]
 LIMIT = 120.0
 """Seconds after which a test counts as failed; mutants may make it hang."""
 
+ALL = 60 * LIMIT
+"""Seconds for all tests of the listed mutants, without a mutant, on a busy machine."""
 
 FEW = 5
 """Tests of a file that are run before those of the next one."""
@@ -138,24 +140,35 @@ def places(normal: str, text: str) -> list[int]:
 
 def mutated(source: str, mutant: Mutant) -> str:
     """The source of a module, in normal form, with the mutant's wrong line."""
-    normal = normal_form(source)
+    return replaced(normal_form(source), mutant)
+
+
+def replaced(normal: str, mutant: Mutant) -> str:
+    """The same of a source in normal form."""
     (begin,) = places(normal, mutant.text)
     return normal[:begin] + mutant.replacement + normal[begin + len(mutant.text) :]
 
 
 def wrong_texts(mutants: list[Mutant]) -> list[str]:
-    """What is wrong with the table itself."""
-    files = {mutant.file for mutant in mutants}
+    """What is wrong with the table itself: texts that are not there once, replacements that are no Python."""
     normal = {
         file: normal_form((ROOT / "ddmpi" / f"{file}.py").read_text(encoding="utf-8"))
-        for file in files
+        for file in {mutant.file for mutant in mutants}
     }
-    counts = [len(places(normal[mutant.file], mutant.text)) for mutant in mutants]
-    return [
-        f"{mutant.name}: the text is {count} times in ddmpi/{mutant.file}.py"
-        for mutant, count in zip(mutants, counts, strict=True)
-        if count != 1
-    ]
+    wrong = []
+    for mutant in mutants:
+        begins = places(normal[mutant.file], mutant.text)
+        if len(begins) != 1:
+            where = f"{len(begins)} times in ddmpi/{mutant.file}.py"
+            wrong.append(f"{mutant.name}: the text is {where}")
+            continue
+        if "\n" not in mutant.text + mutant.replacement:
+            continue  # its indentation stays, and takes no time to ask
+        try:
+            ast.parse(replaced(normal[mutant.file], mutant))
+        except SyntaxError as error:
+            wrong.append(f"{mutant.name}: the wrong line is no Python: {error}")
+    return wrong
 
 
 class Quick:
@@ -336,7 +349,7 @@ def listed(word: str) -> int:
     survivors = 0
     with tempfile.TemporaryDirectory() as folder:
         checkout = Checkout(Path(folder))
-        code, output = checkout.test(sorted({mutant.tests for mutant in mutants}), 10 * LIMIT)
+        code, output = checkout.test(sorted({mutant.tests for mutant in mutants}), ALL)
         if code != 0:
             print(output, "these tests fail without a mutant", sep="\n", file=sys.stderr)
             return 2
