@@ -119,8 +119,8 @@ def product(sets: Sequence[Box]) -> Box:
 
 
 def magnitude(vectors: np.ndarray) -> np.ndarray:
-    """|v| (k,) of vectors (k, c)."""
-    return np.abs(vectors[:, 0]) if vectors.shape[1] == 1 else np.linalg.norm(vectors, axis=1)
+    """|v| (…) of vectors (…, c)."""
+    return np.abs(vectors[..., 0]) if vectors.shape[-1] == 1 else np.linalg.norm(vectors, axis=-1)
 
 
 def shorten(vectors: np.ndarray, limit: np.ndarray) -> np.ndarray:

@@ -102,7 +102,7 @@ def _of_body(body: Body, u: np.ndarray, result: Named) -> np.ndarray:
         nodes = mesh.vertices[result.point]
         np.add.at(load[:, result.axis], nodes, 1.0 / len(nodes))
     elif result.what == "displacement_max":
-        size = np.linalg.norm(u, axis=1)
+        size = magnitude(u)
         node = int(size.argmax())
         load[node] = u[node] / size[node] if size[node] else 0.0
     elif result.what == "von_mises_max":

@@ -11,6 +11,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface, Places
 from ddmpi.scene.bodies import Clamp
 from ddmpi.scene.contacts import Rigid
+from ddmpi.sets import magnitude
 from ddmpi.surface.side import Side
 from ddmpi.system.numbers import SAME, in_words
 
@@ -125,7 +126,7 @@ def refuse_contradiction(
         for time, by_history in factors.items():
             gap = by_history[interface.gap_history] * places.gap[:, None]
             u = np.array([mover.moved(places, k, by_history) for k, mover in enumerate(movers)])
-            closing, motions = u[0] - u[1], np.linalg.norm(u, axis=2).sum(axis=0)
+            closing, motions = u[0] - u[1], magnitude(u).sum(axis=0)
             beyond = (
                 held.torn(closing, gap) if bonded else held.pressed(closing, gap, law.two_sided)
             )

@@ -18,6 +18,7 @@ from ddmpi.interface.vertices import rows_at_vertices
 from ddmpi.mesh.boundary import links
 from ddmpi.mesh.elements import CELLS, circumference, facet_measures, facet_shares
 from ddmpi.scene.contacts import Rigid, SettledContact
+from ddmpi.sets import magnitude
 from ddmpi.surface.cover import DEEPEST, cover
 from ddmpi.surface.cut import FACING, Cover, stretch
 from ddmpi.surface.side import Side, nodal, unit
@@ -217,7 +218,7 @@ def _match_whole(first: Side, second: Side, name: str, refinement: int) -> Rows:
             f"{_worst(first, second, match)}; their meshes must match node by node"
         )
     normal = first.normal - second.normal[match]
-    size = np.linalg.norm(normal, axis=1)
+    size = magnitude(normal)
     # |n_1 − n_2| = 2 sin(angle/2): 2 for opposite normals; below 1 the angle between them is below 60°.
     if (size < 1.0).any():
         raise InputError(
@@ -255,9 +256,7 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
         return None
     if ours.size:
         a, b = first.facets[ours[0]], second.facets[ours[1]]
-        nearest = np.linalg.norm(first.xy[a][:, :, None] - second.xy[b][:, None], axis=3).argmin(
-            axis=2
-        )
+        nearest = magnitude(first.xy[a][:, :, None] - second.xy[b][:, None]).argmin(axis=2)
         nodes, partners = np.unique(
             np.stack([a.ravel(), np.take_along_axis(b, nearest, axis=1).ravel()]), axis=1
         )
@@ -332,8 +331,8 @@ def _unmatched(first: Side, second: Side, nodes: np.ndarray, partners: np.ndarra
         # the neighbour, shifted with its paired node onto the partner, in barycentric coordinates of a facet there
         off, along = across(away[edge] - facet[:, 0], facet)
         inside = (along > -LARGEST_OFFSET).all(axis=1) & (along.sum(axis=1) < 1.0 + LARGEST_OFFSET)
-        size = np.linalg.norm(side.xy[end] - side.xy[start], axis=1)[edge]
-        if (inside & (np.linalg.norm(off, axis=1) < LARGEST_OFFSET * size)).any():
+        size = magnitude(side.xy[end] - side.xy[start])[edge]
+        if (inside & (magnitude(off) < LARGEST_OFFSET * size)).any():
             return True
     return False
 
@@ -352,19 +351,15 @@ def _offset(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Of all pairs (k,): gap along the normal between the arcs over the chords, tangential offset, spacing of nodes."""
     ends, offset = links(first.facets, first.dimension), second.xy[partners] - first.xy[nodes]
-    half = (
-        np.linalg.norm(first.xy[ends[:, 1]] - first.xy[ends[:, 0]], axis=1)
-        / 2
-        / (first.dimension - 1)
-    )
+    half = magnitude(first.xy[ends[:, 1]] - first.xy[ends[:, 0]]) / 2 / (first.dimension - 1)
     spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[nodes]
     gap = np.einsum("ij,ij->i", offset, normal)
-    aside = np.linalg.norm(offset - gap[:, None] * normal, axis=1)
+    aside = magnitude(offset - gap[:, None] * normal)
     gap = gap - first.rise(nodes, normal) - second.rise(partners, -normal)
     return without_rounding(gap, spacing), aside, spacing
 
 
 def _worst(first: Side, second: Side, match: np.ndarray) -> str:
-    distance = np.linalg.norm(second.xy[match] - first.xy, axis=1)
+    distance = magnitude(second.xy[match] - first.xy)
     k = int(np.argmax(distance))
     return f" (worst: {in_words(first.xy[k])} against {in_words(second.xy[match[k]])})"

@@ -38,6 +38,7 @@ from ddmpi.interface.rows import (
 from ddmpi.interface.trace import placed
 from ddmpi.interface.vertices import BARELY, UNCOVERED, rows_at_vertices
 from ddmpi.scene.contacts import Rigid, SettledContact
+from ddmpi.sets import magnitude
 from ddmpi.surface.cover import corners, cover, faced_arc
 from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import Cover
@@ -300,7 +301,7 @@ def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
         # Unlike a plane of symmetry, a clamp oblique to the contact lets tangential forces pass.
         t = np.column_stack([-rows.normal[:, 1], rows.normal[:, 0]])
         free = side.free[rows.nodes]
-        slant = np.linalg.norm(np.einsum("rij,rj->ri", free, t), axis=1)
+        slant = magnitude(np.einsum("rij,rj->ri", free, t))
         most[is_held(t, free) & (slant > SAME)] = 0.0
     ends = _tied_ends(rows)
     if np.count_nonzero(np.delete(most, ends) >= BARELY) > 1:  # a single row left would be a hinge
@@ -310,9 +311,7 @@ def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
         near = rows.nodes[near[most[near] >= BARELY]]
         if len(near):
             node = rows.nodes[number]
-            roots[root == node] = near[
-                np.argmin(np.linalg.norm(side.xy[near] - side.xy[node], axis=1))
-            ]
+            roots[root == node] = near[np.argmin(magnitude(side.xy[near] - side.xy[node]))]
     return roots
 
 
@@ -325,7 +324,7 @@ def _tied_ends(rows: Rows) -> np.ndarray:
     )
     ends = ends[side.tied[ends] & other.tied[cKDTree(other.xy).query(side.xy[ends])[1]]]
     last = rows.place[facets[(facets == ends[:, None, None]).any(axis=2).argmax(axis=1)]]
-    away = np.linalg.norm(side.xy[rows.nodes[last]] - side.xy[ends][:, None], axis=2)
+    away = magnitude(side.xy[rows.nodes[last]] - side.xy[ends][:, None])
     return last[np.arange(len(last)), away.argmin(axis=1)]
 
 

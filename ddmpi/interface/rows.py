@@ -13,6 +13,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Drawing, Geometry, Interface, Lines, Partner, Places
 from ddmpi.interface.law import law_of
 from ddmpi.scene.contacts import NoFriction, Profile, SettledContact, Tresca
+from ddmpi.sets import magnitude
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
 from ddmpi.surface.side import Side, frames, laplacian, nodal, unit
@@ -299,7 +300,7 @@ def _pull(
     if not contact.pretension:
         return np.empty(0)
     pull = unit(np.array([contact.pretension.along]))[0]
-    held = np.linalg.norm(np.einsum("rcd,d->rc", frame, pull) * ~live, axis=1)
+    held = magnitude(np.einsum("rcd,d->rc", frame, pull) * ~live)
     if held.max() > SAME:
         raise InputError(
             f"contact.{contact.name}.pretension: at {in_words(xy[held.argmax()])} clamps hold both sides "
@@ -462,7 +463,7 @@ def without_rounding(gap: np.ndarray, spacing: np.ndarray) -> np.ndarray:
 def is_held(direction: np.ndarray, free: np.ndarray) -> np.ndarray:
     """Whether clamps with projections `free` (m, d, d) constrain nodes (m,) along directions (m, d), see HELD."""
     left = np.einsum("kij,kj->ki", free, direction)
-    return np.linalg.norm(left, axis=1) < np.where(is_touched(free), HELD, 0.0)
+    return magnitude(left) < np.where(is_touched(free), HELD, 0.0)
 
 
 def at_points(phi: np.ndarray, nodes: np.ndarray, size: int) -> sparse.csr_matrix:

@@ -179,7 +179,7 @@ class ContactState:
             return np.nan
         bound, places = bound[sliding, None], interface.places[sliding]
         centre = (bound * places).sum(axis=0) / bound.sum()
-        far = float(np.linalg.norm(places - centre, axis=1).max())
+        far = float(magnitude(places - centre).max())
         motions = rigid_motions(places, centre, far or 1.0)
         if interface.axisymmetric:
             motions = motions[..., 1:2]  # along the axis
@@ -232,7 +232,7 @@ class ContactState:
             return 0.0, 0.0
         first, second = self.interface.geometry.at
         arm = second - first
-        bound = np.linalg.norm(arm, axis=1) @ np.linalg.norm(self.forces, axis=1)
+        bound = magnitude(arm) @ magnitude(self.forces)
         return float(np.linalg.norm(moment(arm, self.forces))), float(bound)
 
     def table(self) -> np.ndarray:
@@ -433,7 +433,7 @@ def touching(
     # tangentially by that share. Without this, steps in which the contact grows converge only like n^−½.
     (normal, _), (closing, sliding) = law.split(closed), law.split(rate)
     gap, closing = -normal[law.sliding], closing[law.sliding]
-    closes = closing > ALIKE * np.linalg.norm(sliding, axis=1)  # beyond rounding
+    closes = closing > ALIKE * magnitude(sliding)  # beyond rounding
     touches = (law.bound_at(s) == 0.0) & (gap > 0.0) & closes
     share = np.zeros(len(law.sliding))
     share[touches] = np.minimum(gap[touches] / closing[touches], ahead)
@@ -464,7 +464,7 @@ def slip_start_change(
 
 def signed(components: np.ndarray) -> np.ndarray:
     """(m,) the tangential component of (m, 1) in the plane; in space the length of the vector (m, 2)."""
-    return components[:, 0] if components.shape[1] == 1 else np.linalg.norm(components, axis=1)
+    return components[:, 0] if components.shape[1] == 1 else magnitude(components)
 
 
 def rows_of(state: ContactState) -> dict[str, np.ndarray]:

@@ -9,6 +9,7 @@ import scipy.sparse as sparse
 
 from ddmpi.body.elasticity import Elasticity
 from ddmpi.interface.interface import Drawing, Interface, Places
+from ddmpi.sets import magnitude
 from ddmpi.system.numbers import ROUNDING, Frame
 
 
@@ -28,10 +29,7 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
     # A is P K P with the projection P onto the free directions, so B becomes B P. At clamps aslant to the axes P leaves
     # rounding in the constrained direction, which would make a column of B where A is decoupled.
     values = np.einsum("kij,kj->ki", body.supports.free[nodes], along)
-    entry = (
-        np.abs(values)
-        > np.where(clamped[nodes], ROUNDING * np.linalg.norm(along, axis=1), 0.0)[:, None]
-    )
+    entry = np.abs(values) > np.where(clamped[nodes], ROUNDING * magnitude(along), 0.0)[:, None]
     columns = d * place[nodes][:, None] + np.arange(d)
     row = np.repeat(moves.row[:, None], d, axis=1)
     return sparse.csr_matrix(

@@ -37,6 +37,7 @@ from ddmpi.interface.rows import (
 from ddmpi.mesh.boundary import creases, links
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.scene.contacts import SettledContact
+from ddmpi.sets import magnitude
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side, nodal
 from ddmpi.system.numbers import SAME
@@ -226,7 +227,7 @@ def _hardly_move(rows: Rows) -> np.ndarray:
     axes = np.linalg.eigh(sum(move + move.swapaxes(1, 2) for move in moves))[1]
     most = np.max([np.linalg.norm(move @ axes, axis=1) for move in moves], axis=0)
     along = np.einsum("rd,rdk->rk", rows.normal, axes)
-    return np.linalg.norm(along * np.minimum(most, 1.0), axis=1) < BARELY
+    return magnitude(along * np.minimum(most, 1.0)) < BARELY
 
 
 def _fixed_along_rim(rows: Rows) -> np.ndarray:
@@ -235,7 +236,7 @@ def _fixed_along_rim(rows: Rows) -> np.ndarray:
     side = rows.side
     edges = creases(side.xy, side.corners[rows.seen], side.outward[rows.seen]).rim
     along = side.xy[edges[:, 1]] - side.xy[edges[:, 0]]
-    along /= np.linalg.norm(along, axis=1)[:, None]
+    along /= magnitude(along)[:, None]
     first, second = edges.T
     both = is_held(along, side.free[first]) & is_held(along, side.free[second])
     # one cell between two planes is no such edge

@@ -33,6 +33,7 @@ from ddmpi.results.fields import boundary_of, owners
 from ddmpi.results.histories import load_steps
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.motions import Image
+from ddmpi.sets import magnitude
 from ddmpi.system.files import writing
 from ddmpi.system.numbers import ALIKE, Frame, RigidMotion, scaled_unit
 
@@ -77,7 +78,7 @@ def draw_bodies(results: Results, folder: Path | None = None) -> Any:
     values, still = skin.extended(values), skin.extended(results.points + shift)
     facets, at = skin.facets, still + skin.extended(results.displacement(scale))
     seen = values[np.unique(facets)]
-    moved = float(np.linalg.norm(results.displacement(), axis=1).max())
+    moved = float(magnitude(results.displacement()).max())
     whole = None if results.output.get("cut") else skin
     top = stress_end(results, folder, whole) if quantity != "displacement" else values.max()
     beyond, rigid = skin.beyond, rigid_parts(results, scale)
@@ -125,14 +126,14 @@ def coloured(
         return fields[field][:, column], str(what).replace("_", " "), unit
     if "nodal_von_mises" in fields and what != "displacement":
         return fields["nodal_von_mises"], "von Mises stress", stress
-    return np.linalg.norm(fields["displacement"], axis=1), "displacement", length
+    return magnitude(fields["displacement"]), "displacement", length
 
 
 def largest_of(fields: dict[str, np.ndarray]) -> tuple[float, int]:
     """The largest value of `coloured`, and a node where it is. A stress is that of a cell, as in the summary: at nodes
     it is extrapolated."""
     if "nodal_von_mises" not in fields:
-        size = np.linalg.norm(fields["displacement"], axis=1)
+        size = magnitude(fields["displacement"])
         return float(size.max()), int(size.argmax())
     cell = fields["von_mises"].argmax()
     corners = fields["cells"][cell]
@@ -238,7 +239,7 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
         centres[k], velocity[k] = centre, motion.displacement
         u[owner == k] = motion.at(points[owner == k])
         turning = max(turning, float(np.linalg.norm(motion.turn)))
-    speed = np.linalg.norm(u, axis=1)
+    speed = magnitude(u)
     fastest = max(
         [speed.max(), *(np.linalg.norm(motion.displacement) for motion in going.values())]
     )
@@ -308,7 +309,7 @@ def animate(results: Results, folder: Path, title: str) -> Path:
     steps = partial(load_steps, results, folder, int(ANIMATION["frames"]))
     seen = partial(steps, () if what in ("pressure", "displacement") else shown)
     least, top, quantity, unit = _ends(results, folder, what, skin, seen())
-    largest = max(np.linalg.norm(fields["displacement"], axis=1).max() for _, fields, _ in steps())
+    largest = max(magnitude(fields["displacement"]).max() for _, fields, _ in steps())
     factor, shift, shifts = *magnify(results, largest), dict[str, np.ndarray]()
     if pressing:
         view, nowhere = View(results.points, output), np.zeros(results.dimension)

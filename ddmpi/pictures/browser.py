@@ -25,6 +25,7 @@ from ddmpi.pictures.views import Skin, View, sharp_edges
 from ddmpi.results.fields import by_kind, owners
 from ddmpi.results.histories import at_step, load_steps, placed
 from ddmpi.results.tables import Columns, Results, read_results, reading
+from ddmpi.sets import magnitude
 from ddmpi.system.files import MECHANISM, write_page
 from ddmpi.system.numbers import Frame, scaled_unit
 
@@ -193,7 +194,7 @@ class Scenery:
             self.high = np.maximum(self.high, at.max(axis=0))
             self.arrays.put(f"at{k}", at)
             self._painted = self._paint(replace(results, surfaces=surfaces), fields["points"], k)
-        values = {"displacement": np.linalg.norm(u - self._s, axis=1)[nodes]}
+        values = {"displacement": magnitude(u - self._s)[nodes]}
         if len(self._painted["painted"]) or (
             results.frames and surfaces
         ):  # steps without contact, too

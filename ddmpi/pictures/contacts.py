@@ -38,6 +38,7 @@ from ddmpi.pictures.sheet import (
 from ddmpi.pictures.views import Surface, View, rim
 from ddmpi.results.fields import linear_parts, owners, vectors
 from ddmpi.results.tables import STATUS, Columns, Results, chains, drawn_rows
+from ddmpi.sets import magnitude
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import crossed, moment, scaled_unit
 
@@ -419,7 +420,7 @@ def flatten(
     behind = np.ptp(angle, axis=1) > np.pi
     angle[behind] += np.where(angle[behind] < np.pi, 2.0 * np.pi, 0.0)
     radial = away - np.outer(away @ axis, axis)
-    radius = float(np.linalg.norm(radial, axis=1).mean())
+    radius = float(magnitude(radial).mean())
     name = "xyz"[np.abs(axis).argmax()] if np.abs(axis).max() > 1.0 - STRAIGHT else "along the axis"
     return (
         np.stack([radius * angle, (points @ axis)[cells]], axis=2),
@@ -456,14 +457,14 @@ def _draw_slip(
     arrows = np.einsum("lci,li->lc", along[nodes], slip)
     size = np.ptp(place, axis=0).max() / MAPS["arrows"]
     cell = np.round((place - place.min(axis=0)) / size).astype(int)
-    off = np.linalg.norm(place - place.min(axis=0) - size * cell, axis=1)
+    off = magnitude(place - place.min(axis=0) - size * cell)
     order = np.lexsort((off, *cell.T, ~slips[nodes]))
     _, some = np.unique(cell[order], axis=0, return_index=True)
     some = order[some]
     some = some[slips[nodes[some]]]
     if not len(some):
         return
-    longest = np.linalg.norm(arrows[some], axis=1).max()
+    longest = magnitude(arrows[some]).max()
     axes.quiver(
         *place[some].T,
         *arrows[some].T,

@@ -15,6 +15,7 @@ from ddmpi.results.histories import frames_at
 from ddmpi.results.summary import factor_at, motion_at
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
+from ddmpi.sets import magnitude
 from ddmpi.surface.side import frames, nodal, unit
 from ddmpi.system.numbers import RigidMotion
 
@@ -44,7 +45,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     ``output.magnification`` gets it, up to FARTHEST. `largest` is a displacement of an earlier load step that F has to
     suit as well (m). Not collective.
     """
-    points, moved = results.points, np.linalg.norm(results.fields["displacement"], axis=1)
+    points, moved = results.points, magnitude(results.fields["displacement"])
     owner = owners(results)
     names = list(results.summary["bodies"])
     contacts = results.scene["contact"]
@@ -104,7 +105,7 @@ def _limits(table: Columns, left: np.ndarray, visible: float) -> Iterator[float]
     """The largest magnifications F at which errors are not `visible` (m). A gap is drawn as F times itself less (F − 1)
     `left` (l, d)."""
     gap = table["gap"]
-    wrong = np.linalg.norm(left[table["status"] != "open"], axis=1).max(initial=0.0)
+    wrong = magnitude(left[table["status"] != "open"]).max(initial=0.0)
     if wrong:
         yield 1.0 + visible / wrong
     into = np.einsum("ld,ld->l", left, vectors(table, "n"))

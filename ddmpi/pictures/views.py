@@ -11,6 +11,7 @@ from ddmpi.mesh.boundary import SHARPEST
 from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.results.fields import boundary_of, linear_parts
 from ddmpi.scene.output import VIEWS
+from ddmpi.sets import magnitude
 from ddmpi.surface.near import around
 from ddmpi.surface.side import unit
 from ddmpi.system.numbers import ALIKE, spans
@@ -169,7 +170,7 @@ class Skin:
         a, b, c = at[self.facets].transpose(1, 0, 2)
         return np.bincount(
             self.facets.ravel(),
-            np.linalg.norm(np.cross(b - a, c - a), axis=1).repeat(3) / 6.0,
+            magnitude(np.cross(b - a, c - a)).repeat(3) / 6.0,
             len(at),
         )
 
@@ -311,12 +312,12 @@ def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     edges, owner = boundary_facets(cells, 2)
     ends = points[edges]
     middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
-    length = np.linalg.norm(along, axis=1)
+    length = magnitude(along)
     other, one = around(middle, 0.51 * length, middle)
     one, other = one[one != other], other[one != other]
     away = middle[one] - ends[other, 0]
     share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)
-    met = np.linalg.norm(away - share[:, None] * along[other], axis=1) < MEETING * length[one]
+    met = magnitude(away - share[:, None] * along[other]) < MEETING * length[one]
     inner = np.bincount(one, met, len(edges)) > 0
     return edges[~inner], owner[~inner]
 

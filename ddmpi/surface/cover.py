@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ddmpi.mesh.elements import on_line
+from ddmpi.sets import magnitude
 from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import FACING, Cover, cut
 from ddmpi.surface.side import Side, cross, unit
@@ -50,7 +51,7 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     """`cover` in the plane, where facets (f,) count up to their `depth` behind the slave."""
     outward = slave.outward
     chords, corners, fans = slave.xy[slave.corners], master.xy[master.corners], slave.fans
-    length = np.linalg.norm(slave.along, axis=1)
+    length = magnitude(slave.along)
     # The rays of a facet sweep from its first to its second averaged normal; a master facet outside of this strip faces
     # none of it.
     facet, one = _swept(corners, chords, fans)
@@ -107,7 +108,7 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
     along = master.xy[end] - master.xy[start]
     away = xy[row] - master.xy[start]
     at = np.clip(np.einsum("pi,pi->p", away, along) / np.einsum("pi,pi->p", along, along), 0.0, 1.0)
-    order = np.lexsort((np.linalg.norm(away - at[:, None] * along, axis=1), row))
+    order = np.lexsort((magnitude(away - at[:, None] * along), row))
     nearest = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
     # At the second end its own arc length counts: zero where a closed chain ends in its start.
     arc = np.where(
@@ -137,7 +138,7 @@ def _swept(
 def _crossed(points: np.ndarray, facets: np.ndarray, fans: np.ndarray) -> np.ndarray:
     """Whether points (…, c, 2) lie neither all to the left nor all to the right of the lines of both end rays."""
     beside = cross(fans[..., None, :], points[..., None, :, :] - facets[..., None, :])
-    slack = ALIKE * np.linalg.norm(facets[..., 1, :] - facets[..., 0, :], axis=-1)[..., None, None]
+    slack = ALIKE * magnitude(facets[..., 1, :] - facets[..., 0, :])[..., None, None]
     return ~((beside < -slack).all(axis=(-2, -1)) | (beside > slack).all(axis=(-2, -1)))
 
 
@@ -163,7 +164,7 @@ def _hidden(
     source, other = source[source != other], other[source != other]
     point, pair = together(facet, source)
     there, t, _ = _meet(facets, fans, facet[point], at[point], facets[other[pair]])
-    slack = ALIKE * np.linalg.norm(facets[:, 1] - facets[:, 0], axis=1)[facet[point]]
+    slack = ALIKE * magnitude(facets[:, 1] - facets[:, 0])[facet[point]]
     ahead, way = t * np.sign(distance[point]), np.abs(distance[point])
     between = (there > 0.0) & (there < 1.0) & (ahead > slack) & (ahead < way)
     return np.bincount(point, between, len(facet)) > 0

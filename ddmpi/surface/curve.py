@@ -8,6 +8,7 @@ import numpy as np
 
 from ddmpi.mesh.boundary import SHARPEST, segments
 from ddmpi.mesh.elements import cell_with, circumference, facet_measures, on_line
+from ddmpi.sets import magnitude
 from ddmpi.surface.side import Side, cross
 from ddmpi.system.numbers import ALIKE
 
@@ -58,7 +59,7 @@ class Curve(Side):
     def _angles(self) -> tuple[np.ndarray, np.ndarray]:
         """The slopes; and for rays the same with every turn below SHARPEST shared, corners between flats included."""
         ends, outer = self.corners, self.outward
-        length = np.linalg.norm(self.along, axis=1)
+        length = magnitude(self.along)
         before, after = np.full((2, len(self.nodes)), -1)  # the facets that end and begin at a node
         before[ends[:, 1]], after[ends[:, 0]] = np.arange(len(ends)), np.arange(len(ends))
         turns = np.full(len(self.nodes), np.nan)
@@ -98,7 +99,7 @@ class Curve(Side):
         Over each chord lies the cubic with the slopes at its ends, times what makes the arc of a circle exact.
         """
         slope, along, z = self.slopes[facets], self.along[facets], 2.0 * at - 1.0
-        length = np.linalg.norm(along, axis=1)
+        length = magnitude(along)
         first, second = np.tan(slope).T
         # Hermite's cubic with the slopes tan α at both ends, over the chord's length.
         cubic = at * (1.0 - at) * (first * (1.0 - at) + second * at)
@@ -156,11 +157,7 @@ class Curve(Side):
             np.einsum("ql,qli->qi", table, nodes)
             for table in (self.cell.shapes(t), self.cell.derivatives(t)[0])
         )
-        ratio = (
-            np.linalg.norm(along, axis=1)
-            * np.linalg.norm(tangent, axis=1)
-            / (along * tangent).sum(axis=1)
-        )
+        ratio = magnitude(along) * magnitude(tangent) / (along * tangent).sum(axis=1)
         return ((places - nodes[:, 0]) * outward).sum(axis=1), ratio * circumference(
             places, self.axisymmetric
         )

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ddmpi.mesh.elements import CELLS, Cell, facet_measures
+from ddmpi.sets import magnitude
 from ddmpi.surface.near import around
 from ddmpi.surface.side import Side, cross, unit
 from ddmpi.system.numbers import ROUNDING, SAME, spans, together
@@ -116,7 +117,7 @@ def stretch(side: Side, facet: np.ndarray, at: np.ndarray) -> np.ndarray:
 
     def area(cell: Cell, nodes: np.ndarray) -> np.ndarray:
         one, two = np.einsum("aqk,qkd->aqd", cell.derivatives(at), side.xy[nodes[facet]])
-        return np.linalg.norm(np.cross(one, two), axis=1)
+        return magnitude(np.cross(one, two))
 
     if side.cell.simplex:
         return area(side.cell, side.facets) / 2 / facet_measures(side.xy[side.corners])[facet]
@@ -130,7 +131,7 @@ def _near(
     of the search, by classes of equal size, so that a few large facets do not enlarge the search for small ones."""
     centre, far = slaves.mean(axis=1), masters.mean(axis=1)
     radius, reach = (
-        np.linalg.norm(triangles - triangles.mean(axis=1, keepdims=True), axis=2).max(axis=1)
+        magnitude(triangles - triangles.mean(axis=1, keepdims=True)).max(axis=1)
         for triangles in (slaves, masters)
     )
     pairs = []
@@ -140,7 +141,7 @@ def _near(
     # Projected along its normal onto an inclined facet, a facet is up to 1/cos as large; 60° at most, by FACING.
     steep = np.maximum(np.abs(np.einsum("fd,fd->f", outward, backward[nearest])), 0.5)
     place = centre + t[:, None] * outward
-    aside = np.linalg.norm(far[nearest] - place, axis=1)
+    aside = magnitude(far[nearest] - place)
     for level in np.unique(classes):
         some = np.flatnonzero(classes == level)
         largest = reach[some].max()
@@ -244,7 +245,7 @@ def _opposite(
     """Pairs (2, p) of the slave's facets of which the second may lie between pieces (q,) of the first and the master.
     Balls along the normal are searched, up to the bounding box of the slave: a flat one has none."""
     centre, reach = slaves.mean(axis=1), np.zeros(len(slaves))
-    radius = np.linalg.norm(slaves - centre[:, None], axis=2).max(initial=0.0)
+    radius = magnitude(slaves - centre[:, None]).max(initial=0.0)
     np.maximum.at(reach, facet, distance)
     room = np.where(outward > 0.0, slaves.max(axis=(0, 1)), slaves.min(axis=(0, 1))) - np.moveaxis(
         slaves, 1, 0

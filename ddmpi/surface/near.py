@@ -8,6 +8,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from ddmpi.mesh.elements import invert
+from ddmpi.sets import magnitude
 from ddmpi.system.numbers import nearest_in, spans
 
 
@@ -86,14 +87,14 @@ def distance_to(
         half, 1e-3 * half.max()
     )  # of flat facets those are near that are beside a point
     number = cKDTree(middle / stretch).query(points / stretch)[1]
-    distance = np.linalg.norm(nearest_in(points, facets[number]) - points, axis=1)
+    distance = magnitude(nearest_in(points, facets[number]) - points)
     # The box of the nearest facet meets the one around a point that reaches as far as this facet.
     far = np.flatnonzero(distance > least)
     for block in np.array_split(far, len(far) * len(facets) // 2**20 + 1):  # bounds the memory
         reach = half + (1.0 + 1e-6) * distance[block, None]
         facet, point = contained(middle, points[block] - reach, points[block] + reach)
         point = block[point]
-        away = np.linalg.norm(nearest_in(points[point], facets[facet]) - points[point], axis=1)
+        away = magnitude(nearest_in(points[point], facets[facet]) - points[point])
         order = np.lexsort((-away, point))  # of each point the nearest one comes last and stays
         distance[point[order]], number[point[order]] = away[order], facet[order]
     return distance, number

@@ -18,6 +18,7 @@ from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST, corner_normals
 from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import Mesh, connected
+from ddmpi.sets import magnitude
 from ddmpi.surface.near import contained, most_inside
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import SAME, across, in_words, nearest_in
@@ -94,9 +95,9 @@ class Skin:
     def __init__(self, points: np.ndarray, facets: np.ndarray) -> None:
         self.points, self.facets, self.ends = points, facets, points[facets]
         normal = normals(self.ends)
-        self.normal = normal / np.linalg.norm(normal, axis=1)[:, None]
+        self.normal = normal / magnitude(normal)[:, None]
         sides = np.linalg.norm(self.ends - np.roll(self.ends, 1, axis=1), axis=2).min(axis=1)
-        rounding = SINGLE * np.linalg.norm(self.ends, axis=2).max()
+        rounding = SINGLE * magnitude(self.ends).max()
         self.close = np.clip(rounding, SAME * sides, WIDE * sides)
         self._pairs = np.triu_indices(facets.shape[1], 1)
 
@@ -183,7 +184,7 @@ def _lying(skin: Skin, mesh: Mesh, name: str) -> np.ndarray:
     some = np.flatnonzero((own != other) & (np.abs(turned) > AGAINST))
     own, other, points, turned = own[some], other[some], points[some], turned[some]
     aside, part = across(points - skin.ends[other, 0], skin.ends[other])
-    away = np.linalg.norm(aside - skin.height(other, part), axis=1)
+    away = magnitude(aside - skin.height(other, part))
     lies = (part >= -SAME).all(axis=1) & (part.sum(axis=1) <= 1.0 + SAME)
     near = np.minimum(skin.close[own], skin.close[other])
     alike = lies & (turned > 0.0) & (away <= near)
@@ -201,7 +202,7 @@ def _nodes_of(skin: Skin, pairs: np.ndarray) -> tuple[int, int, np.ndarray]:
     each other, each in both orders."""
     x, (one, two) = skin.points, skin.facets[pairs].swapaxes(0, 1)
     close = skin.close[pairs].min(axis=1)
-    away = np.linalg.norm(x[one][:, :, None] - x[two][:, None], axis=3)  # (p, d, d)
+    away = magnitude(x[one][:, :, None] - x[two][:, None])  # (p, d, d)
     same = one[:, :, None] == two[:, None]
     equal = (away <= close[:, None, None]) & ~same
     i, j = (nodes[equal] for nodes in np.broadcast_arrays(one[:, :, None], two[:, None]))
@@ -212,7 +213,7 @@ def _nodes_of(skin: Skin, pairs: np.ndarray) -> tuple[int, int, np.ndarray]:
     facet = pairs[pair, 1]
     place = nearest_in(x[node], skin.ends[facet])
     part = across(place - skin.ends[facet, 0], skin.ends[facet])[1]
-    off = np.linalg.norm(place + skin.height(facet, part) - x[node], axis=1)
+    off = magnitude(place + skin.height(facet, part) - x[node])
     hanging = np.unique(node[off <= close[pair] + FIT * skin.room[pairs[pair]].sum(axis=1)])
     return len(doubled) - len(places), len(hanging), np.concatenate([doubled, hanging])
 

@@ -22,6 +22,7 @@ from ddmpi.mesh.elements import (
     facet_shares,
     normals,
 )
+from ddmpi.sets import magnitude
 from ddmpi.system.numbers import ROUNDING, Frame, divisor
 
 NEWTON = 20
@@ -168,7 +169,7 @@ class Side:
     def spacing(self) -> np.ndarray:
         """(k,) mean distance of each node to its neighbours (m)."""
         pairs = links(self.facets, self.dimension)
-        distance = np.linalg.norm(self.xy[pairs[:, 1]] - self.xy[pairs[:, 0]], axis=1)
+        distance = magnitude(self.xy[pairs[:, 1]] - self.xy[pairs[:, 0]])
         number = np.bincount(pairs.ravel(), minlength=len(self.nodes))
         return np.bincount(pairs.ravel(), np.repeat(distance, 2), len(self.nodes)) / number
 
