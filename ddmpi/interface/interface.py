@@ -20,7 +20,7 @@ from ddmpi.interface.law import Law
 from ddmpi.mesh.elements import circumference
 from ddmpi.scene.contacts import PAIR, Closure
 from ddmpi.surface.outline import Outline
-from ddmpi.surface.side import Side
+from ddmpi.surface.side import Side, dot
 from ddmpi.system.numbers import ALIKE, Frame, RigidMotion
 
 LARGE_OVERLAP = 0.02
@@ -271,7 +271,7 @@ class Interface:
         """(size,) contact displacement of the rigid partner (m), with the sign of the second side."""
         # B² u with the second side's signs: its normal is −ν, its tangents −t.
         carried = self.partner.carried(self.places)[self.law.node]
-        return -np.einsum("id,id->i", self.directions, carried)
+        return -dot(self.directions, carried)
 
     def softness(self, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """D (m,) in m/N and b (m,) in metres of the closure D s + b near normal forces s (m,); zero of hard contacts."""
@@ -450,7 +450,7 @@ def check_overlap(
         interface.law.two_sided and len(sides) == 2
     ):  # bonds bridge gaps, but their sides face each other
         one, other = interface.geometry.at
-        deep = max(deep, float(np.einsum("id,id->i", interface.normal, one - other).max()))
+        deep = max(deep, float(dot(interface.normal, one - other).max()))
     if deep > (1.0 - ALIKE) * min(depths):
         order = "Are the two names of `on` in the order of `bodies`?"
         ends = "Ends of a sector or of a periodic cell have an image"

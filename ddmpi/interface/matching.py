@@ -21,7 +21,7 @@ from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.sets import magnitude
 from ddmpi.surface.cover import DEEPEST, cover
 from ddmpi.surface.cut import FACING, Cover, stretch
-from ddmpi.surface.side import Side, nodal, unit
+from ddmpi.surface.side import Side, dot, nodal, unit
 from ddmpi.system.numbers import RigidMotion, across, in_words, together
 
 LARGEST_OFFSET = 1e-2
@@ -144,7 +144,7 @@ def face_rigid(
     towards = (np.einsum("icj,ij->ic", outward[side.facets], side.outward) < FACING).all(axis=1)
     facing = np.unique(side.facets[towards])
     if len(facing) == 0:
-        place = in_words(side.xy[np.argmin(np.einsum("ij,ij->i", outward, side.normal))])
+        place = in_words(side.xy[np.argmin(dot(outward, side.normal))])
         raise InputError(
             f"contact.{contact.name}: near {place} the boundary of {side.body!r} does not face "
             f"{rigid.name!r}; {rigid.turned}"
@@ -282,7 +282,7 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
         deepest = -DEEPEST * np.minimum(
             np.abs(normal) @ first.extent, np.abs(normal) @ second.extent
         )
-        fits &= (np.einsum("ij,ij->i", outward, other) < FACING) & (gap > deepest)
+        fits &= (dot(outward, other) < FACING) & (gap > deepest)
         if not fits.any() or _unmatched(first, second, nodes[fits], partners[fits]):
             return None
         nodes, partners, normal, gap = nodes[fits], partners[fits], normal[fits], gap[fits]
@@ -353,7 +353,7 @@ def _offset(
     ends, offset = links(first.facets, first.dimension), second.xy[partners] - first.xy[nodes]
     half = magnitude(first.xy[ends[:, 1]] - first.xy[ends[:, 0]]) / 2 / (first.dimension - 1)
     spacing = np.bincount(ends.ravel(), np.repeat(half, 2), len(first.nodes))[nodes]
-    gap = np.einsum("ij,ij->i", offset, normal)
+    gap = dot(offset, normal)
     aside = magnitude(offset - gap[:, None] * normal)
     gap = gap - first.rise(nodes, normal) - second.rise(partners, -normal)
     return without_rounding(gap, spacing), aside, spacing

@@ -16,7 +16,7 @@ from ddmpi.scene.contacts import NoFriction, Profile, SettledContact, Tresca
 from ddmpi.sets import magnitude
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, Outlined, drawn_cells, whole_facets
-from ddmpi.surface.side import Side, frames, laplacian, nodal, unit
+from ddmpi.surface.side import Side, dot, frames, laplacian, nodal, unit
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import ALIKE, ROUNDING, SAME, in_words, is_touched
 
@@ -156,7 +156,7 @@ def rows_of(
     area = coefficients @ (psi @ np.ones(len(over.facet)))
     normal = unit(coefficients @ (psi @ across))
     # the cover measures gaps along the slave's normals; by the cosine they are along the row's normal
-    turned = np.einsum("ij,ij->i", unit(measure @ (psi @ over.direction)), normal)
+    turned = dot(unit(measure @ (psi @ over.direction)), normal)
     gap = measure @ (psi @ over.gap) / area * turned
     side = sides[slave]
     share = np.bincount(over.facet, over.weight, len(side.facets))
@@ -486,10 +486,9 @@ def duals(
     functions φ (q, c) of a side. Facets covered by less than the fraction `sliver` get ψ = `alone`. Functions that
     `kept` (f, c) marks are ψ = φ; the others are dual among themselves, so that all ψ still sum to one."""
     covered, place = np.unique(over.facet, return_inverse=True)
-    integrals, mass = (np.zeros((len(covered), *phi.shape[1:] * times)) for times in (1, 2))
     # ψ = D_e M_e⁻¹ φ with D_e = diag ∫ φ_j and M_e = ∫ φ_i φ_j over the covered part of facet e (Wohlmuth 2000).
-    np.add.at(integrals, place, over.weight[:, None] * phi)
-    np.add.at(mass, place, np.einsum("q,qi,qj->qij", over.weight, phi, phi))
+    integrals = nodal(over.weight[:, None] * phi, place, len(covered))
+    mass = nodal(np.einsum("q,qi,qj->qij", over.weight, phi, phi), place, len(covered))
     if kept is not None:
         # With N the others: ψ_N = diag(M_NN 1) M_NN⁻¹ φ_N.
         its = kept[covered]
@@ -526,9 +525,8 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     near = np.maximum(
         1.0 - (most[number] - at) / np.maximum(END * (most - least), ALIKE)[number], 0.0
     )
-    ends, total = np.zeros((len(facets), d, d)), np.zeros((len(facets), d))
-    np.add.at(ends, number, near[:, :, None] * at[:, None, :])
-    np.add.at(total, number, near)
+    ends = nodal(near[:, :, None] * at[:, None, :], number, len(facets))
+    total = nodal(near, number, len(facets))
     ends /= np.maximum(total, ROUNDING)[:, :, None]
     # from this mean towards the vertex, until λ_i is the largest in the covered part
     reached = np.einsum("fii->fi", ends)
@@ -539,8 +537,7 @@ def inset(side: Side, over: Cover, corners: Cover) -> np.ndarray:
     covered = np.bincount(place, over.weight, len(facets))
     ends[np.abs(np.linalg.det(ends)) < LEAST * covered / side.areas[facets]] = np.eye(d)
     hats = np.einsum("qi,qij->qj", over.at, np.linalg.inv(ends)[place])
-    integrals = np.zeros((len(facets), d))
-    np.add.at(integrals, place, over.weight[:, None] * hats)
+    integrals = nodal(over.weight[:, None] * hats, place, len(facets))
     return np.where((integrals.min(axis=1) > LEAST * covered)[place, None], hats, over.at)
 
 

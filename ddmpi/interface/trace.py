@@ -10,6 +10,7 @@ import scipy.sparse as sparse
 from ddmpi.body.elasticity import Elasticity
 from ddmpi.interface.interface import Drawing, Interface, Places
 from ddmpi.sets import magnitude
+from ddmpi.surface.side import dot, nodal
 from ddmpi.system.numbers import ROUNDING, Frame
 
 
@@ -40,7 +41,7 @@ def trace(interface: Interface, side: int, body: Elasticity) -> sparse.csr_matri
 def displacement_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
     """B u (size,) in metres, of a displacement (nv, d) of all nodes of the body on `side`. Not collective."""
     moved = interface.rows.moved(side, u)
-    return _sign(side) * np.einsum("ij,ij->i", moved[interface.law.node], interface.directions)
+    return _sign(side) * dot(moved[interface.law.node], interface.directions)
 
 
 def sliding_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
@@ -54,18 +55,13 @@ def sliding_trace(interface: Interface, side: int, u: np.ndarray) -> np.ndarray:
 
 def nodal_forces(interface: Interface, side: int, s: np.ndarray, nodes: int) -> np.ndarray:
     """−Bᵀ s (nodes, d): forces on all nodes of the body on `side` by contact forces s (size,) (N). Not collective."""
-    forces, moves = np.zeros((nodes, interface.dimension)), rows(interface, side)
-    np.add.at(
-        forces,
-        interface.rows.nodes[side],
-        -_sign(side) * (moves.T @ (s[:, None] * _own(interface, side))),
-    )
-    return forces
+    pulls = rows(interface, side).T @ (s[:, None] * _own(interface, side))
+    return nodal(-_sign(side) * pulls, interface.rows.nodes[side], nodes)
 
 
 def normal_trace(side: int, places: Places, u: np.ndarray) -> np.ndarray:
     """Normal displacement (k,) in metres at places of the interface. Not collective."""
-    return _sign(side) * np.einsum("ij,ij->i", places.normal, places.moved(side, u))
+    return _sign(side) * dot(places.normal, places.moved(side, u))
 
 
 def seen(interface: Interface, frame: Frame) -> Interface:

@@ -16,7 +16,7 @@ from ddmpi.results.summary import factor_at, motion_at
 from ddmpi.results.tables import Columns, Results
 from ddmpi.scene.contacts import Rigid
 from ddmpi.sets import magnitude
-from ddmpi.surface.side import frames, nodal, unit
+from ddmpi.surface.side import dot, frames, nodal, unit
 from ddmpi.system.numbers import RigidMotion
 
 DRAWN = 0.08  # displacements and shifts are drawn as at most this fraction of the bodies' extent
@@ -108,7 +108,7 @@ def _limits(table: Columns, left: np.ndarray, visible: float) -> Iterator[float]
     wrong = magnitude(left[table["status"] != "open"]).max(initial=0.0)
     if wrong:
         yield 1.0 + visible / wrong
-    into = np.einsum("ld,ld->l", left, vectors(table, "n"))
+    into = dot(left, vectors(table, "n"))
     overlapping = into > gap
     # the drawn overlap (F − 1) into − F gap is visible from this F on
     yield from (visible + into[overlapping]) / (into - gap)[overlapping]

@@ -13,7 +13,7 @@ from ddmpi.results.fields import boundary_of, linear_parts
 from ddmpi.scene.output import VIEWS
 from ddmpi.sets import magnitude
 from ddmpi.surface.near import around
-from ddmpi.surface.side import unit
+from ddmpi.surface.side import dot, unit
 from ddmpi.system.numbers import ALIKE, spans
 
 CORNER, ABOVE = (-60.0, 24.0), 40.0
@@ -316,7 +316,7 @@ def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     other, one = around(middle, 0.51 * length, middle)
     one, other = one[one != other], other[one != other]
     away = middle[one] - ends[other, 0]
-    share = np.clip(np.einsum("pd,pd->p", away, along[other]) / length[other] ** 2, 0.0, 1.0)
+    share = np.clip(dot(away, along[other]) / length[other] ** 2, 0.0, 1.0)
     met = magnitude(away - share[:, None] * along[other]) < MEETING * length[one]
     inner = np.bincount(one, met, len(edges)) > 0
     return edges[~inner], owner[~inner]

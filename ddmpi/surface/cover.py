@@ -8,7 +8,7 @@ from ddmpi.mesh.elements import on_line
 from ddmpi.sets import magnitude
 from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import FACING, Cover, cut
-from ddmpi.surface.side import Side, cross, unit
+from ddmpi.surface.side import Side, cross, dot, unit
 from ddmpi.system.numbers import ALIKE, SAME, together
 
 DEEPEST = 0.5
@@ -55,7 +55,7 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     # The rays of a facet sweep from its first to its second averaged normal; a master facet outside of this strip faces
     # none of it.
     facet, one = _swept(corners, chords, fans)
-    facing = np.einsum("pi,pi->p", outward[facet], master.outward[one]) < FACING
+    facing = dot(outward[facet], master.outward[one]) < FACING
     facet, one = facet[facing], one[facing]
     # Within a piece no ray meets a corner of the master, so that integrands are smooth and Gauss's rule exact; without
     # cutting, constant pressures fail the patch test.
@@ -107,7 +107,7 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
     start, end = master.corners[facet].T
     along = master.xy[end] - master.xy[start]
     away = xy[row] - master.xy[start]
-    at = np.clip(np.einsum("pi,pi->p", away, along) / np.einsum("pi,pi->p", along, along), 0.0, 1.0)
+    at = np.clip(dot(away, along) / dot(along, along), 0.0, 1.0)
     order = np.lexsort((magnitude(away - at[:, None] * along), row))
     nearest = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
     # At the second end its own arc length counts: zero where a closed chain ends in its start.
@@ -151,7 +151,7 @@ def _meet(
     across = segments[:, 1] - segments[:, 0]
     with np.errstate(divide="ignore", invalid="ignore"):
         there = -cross(away, ray) / cross(across, ray)
-        return there, np.einsum("qi,qi->q", away + there[:, None] * across, ray), ray
+        return there, dot(away + there[:, None] * across, ray), ray
 
 
 def _hidden(

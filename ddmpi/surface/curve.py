@@ -9,7 +9,7 @@ import numpy as np
 from ddmpi.mesh.boundary import SHARPEST, segments
 from ddmpi.mesh.elements import cell_with, circumference, facet_measures, on_line
 from ddmpi.sets import magnitude
-from ddmpi.surface.side import Side, cross
+from ddmpi.surface.side import Side, cross, dot
 from ddmpi.system.numbers import ALIKE
 
 FLAT = 1e-3
@@ -67,7 +67,7 @@ class Curve(Side):
         b, a = before[node], after[node]
         turn = np.arctan2(
             outer[b, 0] * outer[a, 1] - outer[b, 1] * outer[a, 0],
-            np.einsum("ij,ij->i", outer[b], outer[a]),
+            dot(outer[b], outer[a]),
         )
         turns[node] = turn = np.where(np.abs(turn) <= ALIKE, 0.0, turn)
         smooth = np.abs(turn) <= SHARPEST
@@ -76,7 +76,7 @@ class Curve(Side):
         # + L_b cos τ). This is exact on circles of any grading.
         part = np.arctan2(length[b] * np.sin(turn), length[a] + length[b] * np.cos(turn))
         flat = [np.abs(turns[other]) <= FLAT * np.abs(turn) for other in (ends[b, 0], ends[a, 1])]
-        shared, height = np.full((len(ends), 2), np.nan), np.einsum("ij,ij->i", self.bends, outer)
+        shared, height = np.full((len(ends), 2), np.nan), dot(self.bends, outer)
         shared[b, 1], shared[a, 0] = part, turn - part
         curved = shared.copy()
         curved[b, 1] = np.where(flat[0], 0.0, np.where(flat[1], turn, part))
@@ -109,11 +109,9 @@ class Curve(Side):
         root = np.sqrt(1.0 - (s * z) ** 2)
         arc = 2.0 * c / (root + c)
         rise = rise * arc + cubic * 4.0 * c * s**2 * z / (root * (root + c) ** 2)
-        across = np.einsum("qi,qi->q", direction, self.outward[facets])
+        across = dot(direction, self.outward[facets])
         # Along a ray aslant to the chord a height is, to first order, height / (cos φ − y' sin φ) away.
-        return length * cubic * arc, across - rise * np.einsum(
-            "qi,qi->q", direction, along
-        ) / length
+        return length * cubic * arc, across - rise * dot(direction, along) / length
 
     def rise(self, nodes: np.ndarray, direction: np.ndarray) -> np.ndarray:
         # Only middles of quadratic facets are off the arc, by its height less their own over the chord.
@@ -125,10 +123,10 @@ class Curve(Side):
         facets, direction = facet[nodes[inner]], direction[inner]
         along, outward = self.along[facets], self.outward[facets]
         away = self.xy[nodes[inner]] - self.xy[self.facets[facets, 0]]
-        at = np.einsum("qi,qi->q", away, along) / np.einsum("qi,qi->q", along, along)
+        at = dot(away, along) / dot(along, along)
         height, steps = self._upright(facets, at, direction)
         # what is left upright between node and arc, along the ray: nothing where the node lies on the arc
-        rise[inner] = (height - np.einsum("qi,qi->q", away, outward)) / steps
+        rise[inner] = (height - dot(away, outward)) / steps
         return rise
 
     def parameters(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:

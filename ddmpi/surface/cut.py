@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 from ddmpi.mesh.elements import CELLS, Cell, facet_measures
 from ddmpi.sets import magnitude
 from ddmpi.surface.near import around
-from ddmpi.surface.side import Side, cross, unit
+from ddmpi.surface.side import Side, cross, dot, unit
 from ddmpi.system.numbers import ROUNDING, SAME, spans, together
 
 FACING = -0.5
@@ -62,7 +62,7 @@ def cut(slave: Side, master: Side, depth: np.ndarray) -> Cover:
     outward, backward = slave.flat, master.flat
     depth = np.tile(depth, len(slaves) // len(depth))
     facet, other = _near(slaves, masters, outward, backward)
-    faces = np.einsum("pd,pd->p", outward[facet], backward[other]) < FACING
+    faces = dot(outward[facet], backward[other]) < FACING
     facet, other = facet[faces], other[faces]
     # The product of shape functions of both sides needs the rule of the higher order; of bilinear maps it is rational.
     where, weights = max(slave.cell, master.cell, key=lambda cell: cell.order).rule
@@ -82,8 +82,7 @@ def cut(slave: Side, master: Side, depth: np.ndarray) -> Cover:
     ]
     facet, other, at, there, weight = (np.concatenate(values) for values in zip(*cuts, strict=True))
     number = len(rule[1])
-    distance = np.einsum(
-        "qd,qd->q",
+    distance = dot(
         np.einsum("qc,qcd->qd", there, masters[other]) - np.einsum("qc,qcd->qd", at, slaves[facet]),
         outward[facet],
     )
@@ -137,9 +136,9 @@ def _near(
     pairs = []
     classes = np.floor(np.log2(reach))
     nearest = cKDTree(far).query(centre)[1]
-    t = np.einsum("fd,fd->f", far[nearest] - centre, outward)
+    t = dot(far[nearest] - centre, outward)
     # Projected along its normal onto an inclined facet, a facet is up to 1/cos as large; 60° at most, by FACING.
-    steep = np.maximum(np.abs(np.einsum("fd,fd->f", outward, backward[nearest])), 0.5)
+    steep = np.maximum(np.abs(dot(outward, backward[nearest])), 0.5)
     place = centre + t[:, None] * outward
     aside = magnitude(far[nearest] - place)
     for level in np.unique(classes):
@@ -260,7 +259,7 @@ def _opposite(
     ahead = centre[one] + (2 * step[:, None] + 1) * radius * outward[one]
     ball, other = around(ahead, 3.0 * radius, centre)
     one = one[ball]
-    opposed = np.einsum("pd,pd->p", outward[one], outward[other]) < -SAME
+    opposed = dot(outward[one], outward[other]) < -SAME
     return np.unique(np.stack([one, other])[:, opposed], axis=1)
 
 
@@ -290,9 +289,7 @@ def _hidden(
     inside = _barycentric(_flat(place[:, None], place, axes), _flat(triangles[rival], place, axes))[
         :, 0
     ]
-    reach = np.einsum(
-        "pd,pd->p", np.einsum("pc,pcd->pd", inside, triangles[rival]) - place, outward[on]
-    )
+    reach = dot(np.einsum("pc,pcd->pd", inside, triangles[rival]) - place, outward[on])
     before = (
         (inside >= -ROUNDING).all(axis=1)
         & (reach > least)

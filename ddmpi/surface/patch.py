@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from ddmpi.mesh.boundary import SHARPEST, links
-from ddmpi.surface.side import Side, unit
+from ddmpi.surface.side import Side, dot, nodal, unit
 from ddmpi.system.numbers import ALIKE, SAME, divisor, spans, together
 
 FEWEST = 5
@@ -51,12 +51,8 @@ class Patch(Side):
         entry, place = together(node, node[order])
         met = order[place]
         # Triangles at a corner count together only up to SHARPEST, so that a sharp edge keeps a normal for either side.
-        smooth = np.einsum("pd,pd->p", outward[facet[entry]], outward[facet[met]]) > np.cos(
-            SHARPEST
-        )
-        total = np.zeros((len(node), 3))
-        np.add.at(total, entry[smooth], weighted.reshape(-1, 3)[met[smooth]])
-        mean = unit(total)
+        smooth = dot(outward[facet[entry]], outward[facet[met]]) > np.cos(SHARPEST)
+        mean = unit(nodal(weighted.reshape(-1, 3)[met[smooth]], entry[smooth], len(node)))
         whole = np.ones(len(xy), bool)  # corners without sharp edges
         whole[node[entry[~smooth]]] = False
         if (np.abs(mean - outward[facet]).max(initial=0.0) <= ALIKE) or not whole.any():
@@ -95,9 +91,7 @@ class Patch(Side):
         # κ times the distance of the plane from the centre, with the circle's radius by the distance of a corner.
         rest = np.sqrt(np.maximum(1.0 - kappa**2 * ((x[:, 0] - middle) ** 2).sum(axis=1), 0.0))
         place = np.einsum("qc,qcd->qd", weight, x) - middle
-        beta = np.einsum(
-            "qd,qd->q", ray, kappa[:, None] * place + rest[:, None] * self.flat[facets]
-        )
+        beta = dot(ray, kappa[:, None] * place + rest[:, None] * self.flat[facets])
         # κ t² + 2 β t − κ Q = 0 for the distance t along the ray; its small root, without cancellation.
         below = beta + np.sqrt(np.maximum(beta**2 + kappa**2 * Q, 0.0))
         heights[some] = kappa * Q / np.where(below > 0.0, below, np.inf)
@@ -142,9 +136,8 @@ def _fitted(
         c = c / (1.0 + c * c / (a * a + b * b))  # a section that is an arc has c = κ (ρ² + c²) / 2
         a, b = a / spread[row, 0], b / spread[row, 1]
         terms = np.stack([a, b, a * a, a * b, b * b], axis=1)
-        squares, right = np.zeros((len(nodes), 5, 5)), np.zeros((len(nodes), 5))
-        np.add.at(squares, row, terms[:, :, None] * terms[:, None])
-        np.add.at(right, row, terms * c[:, None])
+        squares = nodal(terms[:, :, None] * terms[:, None], row, len(nodes))
+        right = nodal(terms * c[:, None], row, len(nodes))
         slopes = _least_bent(squares, right, spread)[:, :2] / spread
         fitted = unit(
             np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
@@ -161,8 +154,7 @@ def _principal(
     first = unit(np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)]))
     plane = np.stack([first, np.cross(normal, first)], axis=1)
     along = np.einsum("pd,pid->pi", away, plane[row])
-    squares = np.zeros((len(normal), 2, 2))
-    np.add.at(squares, row, along[:, :, None] * along[:, None])
+    squares = nodal(along[:, :, None] * along[:, None], row, len(normal))
     values, vectors = np.linalg.eigh(squares / np.bincount(row)[:, None, None])
     axes = np.concatenate([vectors.transpose(0, 2, 1) @ plane, normal[:, None]], axis=1)
     return axes, np.sqrt(np.maximum(values, SAME * values[:, 1:]))

@@ -20,6 +20,7 @@ from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import Mesh, connected
 from ddmpi.sets import magnitude
 from ddmpi.surface.near import contained, most_inside
+from ddmpi.surface.side import dot
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import SAME, across, in_words, nearest_in
 
@@ -108,7 +109,7 @@ class Skin:
         ends = np.arange(0, count * d + 1, d)
         nodes = sparse.csr_matrix((np.ones(count * d), self.facets.ravel(), ends))
         pairs = np.stack((nodes @ nodes.T).nonzero(), axis=1)
-        turned = np.einsum("pd,pd->p", *self.normal[pairs.T])
+        turned = dot(*self.normal[pairs.T])
         patch = connected(pairs[turned > np.cos(SHARPEST)], count)
         # a node has a normal in each smooth patch that it is of
         corners = np.stack(np.broadcast_arrays(self.facets, patch[:, None]), axis=2).reshape(-1, 2)
@@ -180,7 +181,7 @@ def _lying(skin: Skin, mesh: Mesh, name: str) -> np.ndarray:
     reach = (skin.close + (1.0 + FIT) * skin.room)[:, None]
     point, other = contained(points, skin.ends.min(axis=1) - reach, skin.ends.max(axis=1) + reach)
     own, points = own[point], points[point]
-    turned = np.einsum("pd,pd->p", skin.normal[own], skin.normal[other])
+    turned = dot(skin.normal[own], skin.normal[other])
     some = np.flatnonzero((own != other) & (np.abs(turned) > AGAINST))
     own, other, points, turned = own[some], other[some], points[some], turned[some]
     aside, part = across(points - skin.ends[other, 0], skin.ends[other])

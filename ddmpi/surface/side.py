@@ -279,7 +279,7 @@ def bilinear(places: np.ndarray, corners: np.ndarray, normal: np.ndarray) -> np.
         hats = cell.hats_at(cell.coordinates(at))
         off = places - np.einsum("qc,qcd->qd", hats, corners)
         one, two = np.einsum("aqc,qcd->aqd", cell.derivatives(hats), corners)
-        area = np.einsum("qd,qd->q", normal, np.cross(one, two))
+        area = dot(normal, np.cross(one, two))
         step = np.stack([np.cross(off, two), np.cross(one, off)], axis=1) @ normal[:, :, None]
         at = at + step[:, :, 0] / area[:, None]
         if np.abs(step[:, :, 0]).max(initial=0.0) <= ROUNDING * np.abs(area).min(initial=np.inf):
@@ -327,3 +327,8 @@ def across(facets: np.ndarray) -> np.ndarray:
 def cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """The cross products (…) of vectors (…, 2)."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+
+
+def dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """The scalar products (…) of vectors (…, d)."""
+    return np.einsum("...d,...d->...", a, b)

@@ -1736,7 +1736,7 @@ MUTANTS = [
         (
             "gaps of curved sides are those of parabolas",
             "surface/curve",
-            '(height - np.einsum("qi,qi->q", away, outward)) / steps',
+            "(height - dot(away, outward)) / steps",
             "height / steps",
             "interface/test_curved_sides.py::test_gap_between_curved_sides_is_that_of_the_circles",
         ),
@@ -1764,7 +1764,7 @@ MUTANTS = [
         (
             "initial gap ignored",
             "interface/matching",
-            'gap = np.einsum("ij,ij->i", offset, normal)',
+            "gap = dot(offset, normal)",
             "gap = np.zeros(len(match))",
             f"{SIDES}::test_gap_and_overlap",
         ),
@@ -1875,10 +1875,10 @@ MUTANTS = [
             "interface/test_curved_sides.py::test_normals_at_an_edge_of_a_solid_are_those_of_its_faces",
         ),
         (
-            "a surface is fitted to one number too many",
+            "a surface is fitted to places at one height",
             "surface/patch",
-            "np.zeros((len(nodes), 5))",
-            "np.zeros((len(nodes), 6))",
+            "nodal(terms * c[:, None], row, len(nodes))",
+            "nodal(terms, row, len(nodes))",
             "interface/test_curved_sides.py::test_normals_at_an_edge_of_a_solid_are_those_of_its_faces",
         ),
         (
@@ -5698,7 +5698,7 @@ EQUIVALENT = [
         (
             "small entries of a trace count by themselves",
             "interface/trace",
-            "ROUNDING * np.linalg.norm(along, axis=1)",
+            "ROUNDING * magnitude(along)",
             "ROUNDING",
             "Weights of rows are at most 1: what is left out more is below 1e-12 of the row, rounding of the projection.",
         ),
