@@ -8,6 +8,7 @@ from typing import IO, Any
 import numpy as np
 
 from ddmpi.errors import InputError
+from ddmpi.mesh.elements import normals
 from ddmpi.pictures.views import (
     Paint,
     Surface,
@@ -226,9 +227,7 @@ class Sheet:
         )
         number = [len(surface.facets) for surface in some]
         # normals of facets; those of thin surfaces face the eye, all others away from it are back faces
-        across = unit(
-            np.cross(corners[:, 1, :3] - corners[:, 0, :3], corners[:, 2, :3] - corners[:, 0, :3])
-        )
+        across = unit(normals(corners[..., :3]))
         across[np.repeat([surface.thin for surface in some], number) & (across[:, 2] < 0.0)] *= -1.0
         low, high = corners[..., :2].min(axis=(0, 1)), corners[..., :2].max(axis=(0, 1))
         self._pixel = pixel = (high - low).max() / self._pixels

@@ -8,6 +8,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import SHARPEST
+from ddmpi.mesh.elements import facet_measures, normals
 from ddmpi.mesh.mesh import boundary_facets
 from ddmpi.results.fields import boundary_of, linear_parts
 from ddmpi.scene.output import VIEWS
@@ -151,9 +152,8 @@ class Skin:
         first, second = self.beyond[self._ends].T
         self._share = first / (first - second)
         triangles, at = number.reshape(-1, 3), self.extended(points)[len(points) :]
-        a, b, c = at[triangles].transpose(1, 0, 2)
         # counter-clockwise as seen from the front
-        turned = np.cross(b - a, c - a) @ normal < 0.0
+        turned = normals(at[triangles]) @ normal < 0.0
         triangles[turned] = triangles[turned][:, ::-1]
         return len(points) + triangles, cell
 
@@ -167,12 +167,8 @@ class Skin:
     def areas(self, points: np.ndarray) -> np.ndarray:
         """The shares (k,) of nodes in the area of the triangles (m²)."""
         at = np.pad(self.extended(points), ((0, 0), (0, 3 - points.shape[1])))
-        a, b, c = at[self.facets].transpose(1, 0, 2)
-        return np.bincount(
-            self.facets.ravel(),
-            magnitude(np.cross(b - a, c - a)).repeat(3) / 6.0,
-            len(at),
-        )
+        shares = facet_measures(at[self.facets]).repeat(3) / 3.0
+        return np.bincount(self.facets.ravel(), shares, len(at))
 
 
 @dataclass(frozen=True)
@@ -290,9 +286,7 @@ def outlines(at: np.ndarray, facets: np.ndarray, beyond: np.ndarray) -> np.ndarr
 def sharp_edges(at: np.ndarray, facets: np.ndarray, silhouette: bool = False) -> np.ndarray:
     """Edges (e, 2) of facets (f, 3) between places (k, 3): where facets meet at more than SHARPEST, at the end of a
     surface and, as a `silhouette`, where it turns away from the third axis."""
-    normal = unit(
-        np.cross(at[facets[:, 1]] - at[facets[:, 0]], at[facets[:, 2]] - at[facets[:, 0]])
-    )
+    normal = unit(normals(at[facets]))
     pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     key = pairs[:, 0] * len(at) + pairs[:, 1]
     order = np.argsort(key, kind="stable")

@@ -20,7 +20,7 @@ from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import Mesh, connected
 from ddmpi.sets import magnitude
 from ddmpi.surface.near import contained, most_inside
-from ddmpi.surface.side import dot
+from ddmpi.surface.side import dot, unit
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import SAME, across, in_words, nearest_in
 
@@ -95,8 +95,7 @@ class Skin:
 
     def __init__(self, points: np.ndarray, facets: np.ndarray) -> None:
         self.points, self.facets, self.ends = points, facets, points[facets]
-        normal = normals(self.ends)
-        self.normal = normal / magnitude(normal)[:, None]
+        self.normal = unit(normals(self.ends))
         sides = np.linalg.norm(self.ends - np.roll(self.ends, 1, axis=1), axis=2).min(axis=1)
         rounding = SINGLE * magnitude(self.ends).max()
         self.close = np.clip(rounding, SAME * sides, WIDE * sides)
