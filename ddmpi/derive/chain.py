@@ -218,23 +218,14 @@ class Chain:
         """The derivative (size,) of where slip begins in the step to `time`, by the k-th parameter (m)."""
         span = now.time - before.time  # zero at a turning point
         share = (time - now.time) / span if span else 0.0
-        closed = (now.closed, now.derived["closed"][k])
-        rate = (now.closed - before.closed, now.derived["closed"][k] - before.derived["closed"][k])
-        return np.concatenate(
-            [
-                np.empty(0),
-                *(
-                    slip_start_change(
-                        interface.law,
-                        now.s[part],
-                        (closed[0][part], closed[1][part]),
-                        (rate[0][part], rate[1][part]),
-                        share,
-                    )
-                    for interface, part in self.assembly.space.with_slices()
-                ),
-            ]
-        )
+        closed = np.stack([now.closed, now.derived["closed"][k]])
+        rate = closed - [before.closed, before.derived["closed"][k]]
+        start = np.zeros(len(now.s))
+        for interface, part in self.assembly.space.with_slices():
+            start[part] = slip_start_change(
+                interface.law, now.s[part], closed[:, part], rate[:, part], share
+            )
+        return start
 
 
 def _follows(law: Law, s: np.ndarray, ds: np.ndarray) -> np.ndarray:

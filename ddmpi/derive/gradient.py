@@ -3,12 +3,13 @@ solve of the transposed equations."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 
 import numpy as np
 from mpi4py import MPI
 
+from ddmpi.body.elasticity import LoadCase
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.adjoint import displaced, solve_adjoint
 from ddmpi.derive.chain import Answered
@@ -53,7 +54,8 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
         for name in wanted.bounds.keys() & one.law.keys():
             law, s = one.law[name], equations.point.s[assembly.space.parts[name]]
             total += float(wanted.bounds[name] @ (law.bound_at(s) + law.bound_at(0.0 * s)))
-        for name, case in one.load(assembly, answer.displacements, 1.0).items():
+        cases = one.load(assembly, answer.displacements, 1.0)
+        for name, case in cases.items():
             loads, moves = case.f + case.heat, moved[name] * case.prescribed
             total += float((fields[name] * (loads - case.taken) + moves).sum())
             if name == wanted.body:
@@ -63,8 +65,8 @@ def gradient(assembly: Assembly, outer: Newton, answer: Answered, result: str) -
             if one.moved and one.moved[0] == wanted.partner:
                 total += float(one.moved[1][wanted.axis])
         found.append(total)
-        pulls.append(_pull(assembly, one, answer))
-        stops.append(hindered(one, answer))
+        pulls.append(_pull(assembly, one, cases))
+        stops.append(hindered(one, cases))
     gaps = _by_gaps(assembly, w, barred)
     told = zip(known, _told(assembly, found, pulls, stops), strict=True)
     return Entry(told, gap=Entry(merged(world, gaps)))
@@ -85,10 +87,10 @@ def _told(
     return [None if no else total for no, total in zip(barred, totals, strict=True)]
 
 
-def _pull(assembly: Assembly, one: Parameter, answer: Answered) -> np.ndarray:
-    """The change (rigid.size,) of loads along rigid motions by a parameter, this rank's part (N). Not collective."""
+def _pull(assembly: Assembly, one: Parameter, cases: Mapping[str, LoadCase]) -> np.ndarray:
+    """The change (rigid.size,) of loads along rigid motions by a parameter with these load cases by body, this rank's
+    part (N). Not collective."""
     pull, slices = np.where(assembly.world.rank == 0, 1.0, 0.0) * one.force, assembly.joint.slices
-    cases = one.load(assembly, answer.displacements, 1.0)
     for body in assembly.bodies:
         if body.spec.name in cases:
             pull[slices[body.spec.name]] += body.member.body.push(cases[body.spec.name])
@@ -116,19 +118,19 @@ def _by_gaps(assembly: Assembly, w: np.ndarray, barred: np.ndarray) -> dict[str,
 
 def _hindered(
     assembly: Assembly, barred: np.ndarray
-) -> Callable[[Parameter, Answered], np.ndarray]:
-    """The work of the forces `barred` (size,) on the motions of a parameter, and the size of its terms (2,), of this
-    rank. Where the first is not zero, contacts that stick at one node stand against the change, and the answer does not
-    follow it. Not collective, but for the construction."""
+) -> Callable[[Parameter, Mapping[str, LoadCase]], np.ndarray]:
+    """The work of the forces `barred` (size,) on the motions of a parameter with its load cases by body, and the size of
+    its terms (2,), of this rank. Where the first is not zero, contacts that stick at one node stand against the change,
+    and the answer does not follow it. Not collective, but for the construction."""
     parts = assembly.joint.exchange.spread(barred)
     pulls = {
         body.spec.name: body.member.pull(part)
         for body, part in zip(assembly.bodies, parts, strict=True)
     }
 
-    def hindered(one: Parameter, answer: Answered) -> np.ndarray:
+    def hindered(one: Parameter, cases: Mapping[str, LoadCase]) -> np.ndarray:
         terms = [barred * (one.driven - one.opening)]
-        for name, case in one.load(assembly, answer.displacements, 1.0).items():
+        for name, case in cases.items():
             terms.append((pulls[name] * case.prescribed).ravel())
         return np.array(
             [sum(term.sum() for term in terms), sum(np.abs(term).sum() for term in terms)]
