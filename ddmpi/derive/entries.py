@@ -179,9 +179,7 @@ def _contact(
     """The derivatives of a contact's resultants as `known` takes them, and those at its nodes, from those of its forces
     s (size,), relative displacements less gaps `closed` (size,), and the forces `unseen` (size,)."""
     law = state.interface.law
-    closing, slid = law.split(closed)
-    slip = np.zeros(state.slip.shape)
-    slip[law.sliding] = slid
+    closing, _ = law.split(closed)
     at_nodes, free = _at_nodes(state, s), _at_nodes(state, unseen)
     largest = {name: np.abs(values).max(initial=0.0) for name, values in free.items()}
     return (
@@ -194,7 +192,7 @@ def _contact(
         Entry(
             {name: known(at_nodes[name], free[name], largest[name]) for name in at_nodes},
             gap=-closing,
-            slip_total=slip,
+            slip_total=law.along(closed),
         ),
     )
 
@@ -202,9 +200,7 @@ def _contact(
 def _at_nodes(state: ContactState, s: np.ndarray) -> dict[str, np.ndarray]:
     """What changes s (size,) of its forces change at the nodes of a contact."""
     law = state.interface.law
-    normal, along = law.split(s)
-    tangential = np.zeros(state.slip.shape)
-    tangential[law.sliding] = along
+    normal, tangential = s[: law.m], law.along(s)
     change = replace(state, normal_force=normal, tangential_force=tangential)
     return {
         "pressure": change.pressure,

@@ -157,6 +157,12 @@ class Law:
         """Views of the normal (m,) and the tangential part (mt, d − 1) of a vector (size,)."""
         return s[: self.m], s[self.m :].reshape(len(self.sliding), self.components)
 
+    def along(self, s: np.ndarray) -> np.ndarray:
+        """The tangential part (m, d − 1) of a vector (size,) at all nodes; zero where it has no such entries."""
+        whole = np.zeros((self.m, self.components))
+        whole[self.sliding] = self.split(s)[1]
+        return whole
+
     def project(self, q: np.ndarray) -> np.ndarray:
         """The forces (size,) that the law assigns to q = s − c r."""
         normal, tangential = self.split(q)

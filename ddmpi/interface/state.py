@@ -367,11 +367,7 @@ def contact_state(
     law, m, sliding = interface.law, interface.m, interface.sliding
     none = np.zeros(interface.size)
     start, former = since or (none, none)
-    normal, moved = s[:m].copy(), law.split(u)
-    tangential, slip, before = np.zeros((3, m, law.components))
-    tangential[sliding] = law.split(s)[1]
-    slip[sliding] = moved[1]
-    before[sliding] = law.split(start)[1]
+    slip, before = law.along(u), law.along(start)
     slip -= before
     if slides:
         before[:] = slides[1]
@@ -389,9 +385,9 @@ def contact_state(
     )
     return ContactState(
         interface,
-        normal,
-        tangential,
-        interface.opening - moved[0],
+        s[:m].copy(),
+        law.along(s),
+        interface.opening - u[:m],
         slip,
         status,
         np.empty(0) if between is None else between,
@@ -441,13 +437,10 @@ def touching(
 
 
 def slip_start_change(
-    law: Law,
-    s: np.ndarray,
-    closed: tuple[np.ndarray, np.ndarray],
-    rate: tuple[np.ndarray, np.ndarray],
-    ahead: float,
+    law: Law, s: np.ndarray, closed: np.ndarray, rate: np.ndarray, ahead: float
 ) -> np.ndarray:
-    """The derivative (size,) of `slip_start`, from `closed` and `rate` with their derivatives. Not collective."""
+    """The derivative (size,) of `slip_start`, from `closed` and `rate` (2, size), each with its derivative. Not
+    collective."""
     change = np.zeros(law.size)
     if law.name == "bonded":
         return change
@@ -484,12 +477,10 @@ def rows_of(state: ContactState) -> dict[str, np.ndarray]:
 
 def forces_by_node(interface: Interface, s: np.ndarray) -> dict[str, np.ndarray]:
     """The forces s (size,) of the rows of a contact, in the form of `rows_of`."""
-    tangential = np.zeros((interface.m, interface.dimension - 1))
-    tangential[interface.sliding] = s[interface.m :].reshape(-1, interface.dimension - 1)
     return {
         "node": interface.geometry.stands,
         "normal": s[: interface.m, None],
-        "tangential": tangential,
+        "tangential": interface.law.along(s),
     }
 
 

@@ -2046,8 +2046,8 @@ MUTANTS = [
         (
             "final gap without the initial one",
             "interface/state",
-            "interface.opening - moved[0], slip",
-            "-moved[0], slip",
+            "interface.opening - u[:m], slip",
+            "-u[:m], slip",
             NODES,
         ),
         (
@@ -5325,8 +5325,8 @@ MUTANTS = [
         (
             "contacts are proposed where nothing is near",
             "check/nearby",
-            "_first_of_each(some, np.linalg.norm(away, axis=1))",
-            "_first_of_each(some, -np.linalg.norm(away, axis=1))",
+            "nearest_of_each(some, np.linalg.norm(away, axis=1))",
+            "nearest_of_each(some, -np.linalg.norm(away, axis=1))",
             "check/test_check.py::test_contacts_that_are_missing_are_proposed",
         ),
         (
