@@ -18,7 +18,6 @@ from ddmpi.mesh.boundary import creases, segments
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.pictures.bodies import middles, skin_of
-from ddmpi.pictures.browser import in_space
 from ddmpi.pictures.moved import rigid_parts
 from ddmpi.pictures.sheet import (
     COLOURS,
@@ -33,7 +32,7 @@ from ddmpi.pictures.sheet import (
     save,
     start_drawing,
 )
-from ddmpi.pictures.views import Paint, Skin, Surface, View
+from ddmpi.pictures.views import Paint, Skin, Surface, View, in_space
 from ddmpi.results.tables import Results, together
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import nodal

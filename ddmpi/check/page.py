@@ -22,9 +22,9 @@ from ddmpi.check.faces import Piece, describe_face, face_of, pieces_of
 from ddmpi.check.nearby import Missing
 from ddmpi.interface.interface import Interface
 from ddmpi.mesh.elements import normals
-from ddmpi.pictures.browser import RIBBON, Arrays, in_space, page_of, painted_on
+from ddmpi.pictures.browser import RIBBON, Arrays, page_of, painted_on
 from ddmpi.pictures.moved import apart
-from ddmpi.pictures.views import View, sharp_edges
+from ddmpi.pictures.views import View, in_space, sharp_edges
 from ddmpi.results.fields import linear_parts, owners
 from ddmpi.results.tables import Results
 from ddmpi.run.report import describe_gap

@@ -635,14 +635,9 @@ class RunReport:
         meshes = table(
             "The meshes on the way",
             Column("mesh", [f"{k}" for k in range(1, len(levels) + 1)]),
-            *(
-                Column(head, [level[key] for level in levels], unit)
-                for head, key, unit in (
-                    ("refinement", "refinement", ""),
-                    ("unknowns", "n", ""),
-                    ("estimated error", "error", "%"),
-                )
-            ),
+            Column("refinement", [level["refinement"] for level in levels]),
+            Column("unknowns", [level["n"] for level in levels]),
+            Column("estimated error", [level["error"] for level in levels], "%"),
             digits=2,
         )
         return {

@@ -21,7 +21,7 @@ from ddmpi.pictures.bodies import largest_of, sectors_of
 from ddmpi.pictures.moved import ABOVE, apart, covered, magnify, pressed
 from ddmpi.pictures.scales import pressure_ends, stress_end
 from ddmpi.pictures.script import view_template
-from ddmpi.pictures.views import Skin, View, sharp_edges
+from ddmpi.pictures.views import Skin, View, in_space, sharp_edges
 from ddmpi.results.fields import by_kind, owners
 from ddmpi.results.histories import at_step, load_steps, placed
 from ddmpi.results.tables import Columns, Results, read_results, reading
@@ -284,11 +284,6 @@ def _whole(sectors: list[Frame], fields: Columns) -> Columns:
         start = k * len(cells)
         whole["cells"][start : start + len(cells)] = np.where(cells < 0, cells, cells + k * count)
     return whole
-
-
-def in_space(vectors: np.ndarray) -> np.ndarray:
-    """Vectors (k, 3) of those in the plane or in space (k, d)."""
-    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 def painted_on(

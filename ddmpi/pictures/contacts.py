@@ -40,7 +40,7 @@ from ddmpi.results.fields import linear_parts, owners, vectors
 from ddmpi.results.tables import STATUS, Columns, Results, chains, drawn_rows
 from ddmpi.sets import magnitude
 from ddmpi.surface.side import unit
-from ddmpi.system.numbers import crossed, moment, scaled_unit
+from ddmpi.system.numbers import QUARTER, crossed, moment, scaled_unit
 
 WIDEST = {2: 0.3, 3: 0.6}
 """Length of half of the largest resultant over a body's size, the root of its area or volume, by dimension; in the
@@ -199,7 +199,7 @@ def _aside(arrows: list[np.ndarray], width: float) -> list[np.ndarray]:
     drawn: list[np.ndarray] = []
     for ends in arrows:
         along = unit(ends[1] - ends[0])
-        across = along @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+        across = along @ QUARTER
         across *= 1.0 if tuple(along) > (0.0, 0.0) else -1.0  # the same of opposite arrows
         on = [
             other

@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 
 from ddmpi.mesh.elements import normals
 from ddmpi.pictures.sheet import COLOURS, MARGIN, by_value, filled, round_down
-from ddmpi.pictures.views import Surface, View
+from ddmpi.pictures.views import Surface, View, in_space
 from ddmpi.results.fields import linear_parts, owners, vectors
 from ddmpi.results.histories import frames_at
 from ddmpi.results.summary import factor_at, motion_at
@@ -278,7 +278,7 @@ def covered(
 def outward(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Unit normals (n, 3) at the points (n, 3) of cells (c, d), which are lines in the plane."""
     d = cells.shape[1]
-    across = np.pad(normals(points[cells][..., :d]), ((0, 0), (0, 3 - d)))
+    across = in_space(normals(points[cells][..., :d]))
     return unit(nodal(across[:, None].repeat(d, axis=1), cells, len(points)))
 
 

@@ -14,8 +14,8 @@ from ddmpi.results.fields import boundary_of, linear_parts
 from ddmpi.scene.output import VIEWS
 from ddmpi.sets import magnitude
 from ddmpi.surface.near import around
-from ddmpi.surface.side import dot, unit
-from ddmpi.system.numbers import ALIKE, spans
+from ddmpi.surface.side import cross, unit
+from ddmpi.system.numbers import ALIKE, nearest_in, spans
 
 CORNER, ABOVE = (-60.0, 24.0), 40.0
 """Default azimuth and elevation (degrees) of solids: half the azimuth for those longer along y than along x or cut
@@ -166,9 +166,14 @@ class Skin:
 
     def areas(self, points: np.ndarray) -> np.ndarray:
         """The shares (k,) of nodes in the area of the triangles (m²)."""
-        at = np.pad(self.extended(points), ((0, 0), (0, 3 - points.shape[1])))
+        at = in_space(self.extended(points))
         shares = facet_measures(at[self.facets]).repeat(3) / 3.0
         return np.bincount(self.facets.ravel(), shares, len(at))
+
+
+def in_space(vectors: np.ndarray) -> np.ndarray:
+    """Vectors (k, 3) of those in the plane or in space (k, d)."""
+    return np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
 
 
 @dataclass(frozen=True)
@@ -213,7 +218,7 @@ def rasterise(
     )
     x, y, z, cut = corners[:, 0].T
     one, two = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    double = one[:, 0] * two[:, 1] - one[:, 1] * two[:, 0]
+    double = cross(one, two)
     double = np.where(np.abs(double) > 1e-12, double, np.inf)
     # gradients
     of_b = np.stack([two[:, 1], -two[:, 0]]) / double
@@ -305,13 +310,11 @@ def rim(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     cells with points of others along their edges: an edge is none of the rim if its middle lies on another one."""
     edges, owner = boundary_facets(cells, 2)
     ends = points[edges]
-    middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
-    length = magnitude(along)
+    middle, length = ends.mean(axis=1), magnitude(ends[:, 1] - ends[:, 0])
     other, one = around(middle, 0.51 * length, middle)
     one, other = one[one != other], other[one != other]
-    away = middle[one] - ends[other, 0]
-    share = np.clip(dot(away, along[other]) / length[other] ** 2, 0.0, 1.0)
-    met = magnitude(away - share[:, None] * along[other]) < MEETING * length[one]
+    away = magnitude(nearest_in(middle[one], ends[other]) - middle[one])
+    met = away < MEETING * length[one]
     inner = np.bincount(one, met, len(edges)) > 0
     return edges[~inner], owner[~inner]
 
