@@ -14,7 +14,7 @@ from ddmpi.mesh.mesh import Face, Mesh
 from ddmpi.scene.contacts import Rigid, SettledContact, default_name
 from ddmpi.scene.reader import write_toml
 from ddmpi.surface.cut import FACING
-from ddmpi.surface.near import contained
+from ddmpi.surface.near import contained, nearest_of_each
 from ddmpi.surface.side import across, unit
 from ddmpi.system.numbers import SAME, nearest_in
 
@@ -211,7 +211,7 @@ class _Nearest:
 
     def _note_nearest(self, k: int, some: np.ndarray, there: np.ndarray, away: np.ndarray) -> None:
         """Note of each facet in `some` (j,) the nearest place, `away` (j, d), on facets `there` of the k-th body."""
-        nearest = _first_of_each(some, np.linalg.norm(away, axis=1))
+        nearest = nearest_of_each(some, np.linalg.norm(away, axis=1))
         some = some[nearest]
         there = there[nearest]
         body = self.bodies[k]
@@ -257,12 +257,6 @@ class _Nearest:
         for a, b in np.unique(both[:, self.partner >= 0].T, axis=0):
             some = (both == [[a], [b]]).all(axis=0)
             yield a, b, self.gap[some], first[some], second[some]
-
-
-def _first_of_each(some: np.ndarray, distance: np.ndarray) -> np.ndarray:
-    """Of each number in `some` (k,) the place where its distance (k,) is the least."""
-    order = np.lexsort((distance, some))
-    return order[np.unique(some[order], return_index=True)[1]]
 
 
 def find_missing(

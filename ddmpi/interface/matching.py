@@ -266,10 +266,7 @@ def _match_partly(first: Side, second: Side, refinement: int) -> Rows | None:
         nearest, back = cKDTree(second.xy).query(first.xy)[1], cKDTree(first.xy).query(second.xy)[1]
         nodes = np.flatnonzero(back[nearest] == np.arange(len(nearest)))
         partners = nearest[nodes]
-    common = [
-        np.isin(np.arange(len(side.facets)), some)
-        for side, some in zip((first, second), ours, strict=True)
-    ]
+    common = first.among(ours[0]), second.among(ours[1])
     outward, other = first.normals_over(common[0])[nodes], second.normals_over(common[1])[partners]
     normal = unit(outward - other)
     # normals that cancel, at edges where one surface continues the other: the first side's counts

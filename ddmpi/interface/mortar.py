@@ -44,7 +44,7 @@ from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.outline import Outline, outlined
 from ddmpi.surface.side import Side, nodal, unit
-from ddmpi.system.numbers import SAME, Frame, RigidMotion, divisor, in_words
+from ddmpi.system.numbers import QUARTER, SAME, Frame, RigidMotion, divisor, in_words
 
 SLIVER = 0.02
 """A facet covered by a smaller fraction has a constant dual function: 1 at the nearest corner, 0 at the others."""
@@ -299,7 +299,7 @@ def _unbound(rows: Rows, root: np.ndarray, tangential: bool) -> np.ndarray:
     most[clamped.all(axis=0)] = 0.0
     if tangential:
         # Unlike a plane of symmetry, a clamp oblique to the contact lets tangential forces pass.
-        t = np.column_stack([-rows.normal[:, 1], rows.normal[:, 0]])
+        t = rows.normal @ QUARTER
         free = side.free[rows.nodes]
         slant = magnitude(np.einsum("rij,rj->ri", free, t))
         most[is_held(t, free) & (slant > SAME)] = 0.0
@@ -331,7 +331,7 @@ def _tied_ends(rows: Rows) -> np.ndarray:
 def _merged(side: Side, over: Cover, psi: sparse.csr_matrix) -> np.ndarray:
     """The node (k,) whose row a node of the slave uses: itself, a neighbour, or none (−1)."""
     D = np.asarray(psi.sum(axis=0)).ravel()
-    some = np.isin(np.arange(len(side.facets)), over.facet)
+    some = side.among(over.facet)
     full = side.lengths_over(some)
     best = np.full(len(D), -1)
     # On a quadratic side of which less than 3/4 is covered, D of the far corner is negative; with small D of any sign a

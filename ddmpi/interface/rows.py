@@ -160,7 +160,7 @@ def rows_of(
     gap = measure @ (psi @ over.gap) / area * turned
     side = sides[slave]
     share = np.bincount(over.facet, over.weight, len(side.facets))
-    seen = np.isin(np.arange(len(side.facets)), over.facet)
+    seen = side.among(over.facet)
     # P = D⁻¹ ∫ θ φ for both sides; for the slave it is the identity unless rows are merged.
     one, other = (means(coefficients @ (psi @ transfer), area) for transfer in points.transfer)
     return Rows(

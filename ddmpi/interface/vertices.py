@@ -34,12 +34,12 @@ from ddmpi.interface.rows import (
     is_held,
     rows_of,
 )
-from ddmpi.mesh.boundary import creases, links
+from ddmpi.mesh.boundary import creases
 from ddmpi.mesh.elements import facet_shares
 from ddmpi.scene.contacts import SettledContact
 from ddmpi.sets import magnitude
 from ddmpi.surface.cut import Cover
-from ddmpi.surface.side import Side, nodal
+from ddmpi.surface.side import Side, neighbours, nodal
 from ddmpi.system.numbers import SAME
 
 UNCOVERED, STRIP = 0.15, 0.35
@@ -67,7 +67,7 @@ def rows_at_vertices(
     """The rows of the slave, `sides[slave]`, which faces the other side at the points of `over`. At the points `looked`
     the answer will be checked for overlaps. Not collective."""
     side, other, size = sides[slave], sides[1 - slave], len(sides[slave].nodes)
-    seen, met = np.isin(np.arange(len(side.facets)), over.facet), np.zeros(size, bool)
+    seen, met = side.among(over.facet), np.zeros(size, bool)
     met[side.corners[seen]] = True
     # A row at a wholly clamped vertex of quadratic facets constrains the middles beside it.
     clamped, quadratic = ~side.free.any(axis=(1, 2)), not (contact.two_sided or side.cell.bears)
@@ -81,10 +81,7 @@ def rows_at_vertices(
     if quadratic:
         psi, dual, mix = _smoothed(side, over, psi, hats, kept)
     shares = met & _sharing(side, over, integrals, met, clamped, kept)
-    pairs = links(side.corners[seen], 3)
-    near = sparse.csr_matrix(
-        (np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size)
-    )
+    near = neighbours(side.corners[seen], size)
     across = -at_points(over.there, other.corners[over.other], len(other.nodes)) @ other.normal
     if np.isfinite(other.modulus):  # else the rigid partner's normal alone
         across += at_points(over.at, side.corners[over.facet], size) @ side.normal
@@ -130,7 +127,7 @@ def _sharing(
     corners, size = side.corners, len(met)
     areas = facet_shares(side.xy[corners])
     areas *= (side.lengths / areas.sum(axis=1))[:, None]
-    seen = np.isin(np.arange(len(corners)), over.facet)
+    seen = side.among(over.facet)
     # ∫ of hats over all facets, over those that are seen, and over what is covered
     full, faced = nodal(areas, corners, size), nodal(areas[seen], corners[seen], size)
     D = nodal(over.weight[:, None] * over.at, corners[over.facet], size)

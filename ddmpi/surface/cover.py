@@ -8,6 +8,7 @@ from ddmpi.mesh.elements import on_line
 from ddmpi.sets import magnitude
 from ddmpi.surface.curve import Curve
 from ddmpi.surface.cut import FACING, Cover, cut
+from ddmpi.surface.near import nearest_of_each
 from ddmpi.surface.side import Side, cross, dot, unit
 from ddmpi.system.numbers import ALIKE, SAME, together
 
@@ -66,8 +67,7 @@ def _along(slave: Curve, master: Curve, depth: np.ndarray) -> Cover:
     # One ray from the middle of a piece tells which master facets it meets: no corners lie in between.
     met = (there >= -ALIKE) & (there <= 1.0 + ALIKE) & (distance >= -depth[on[piece]])
     piece, pair, signed = piece[met], pair[met], distance[met]
-    order = np.lexsort((np.abs(signed), piece))  # the nearest of each piece comes first
-    nearest = order[np.flatnonzero(np.diff(piece[order], prepend=-1))]
+    nearest = nearest_of_each(piece, np.abs(signed))
     piece, one, distance = piece[nearest], one[pair[nearest]], signed[nearest]
     # A piece whose rays pass through another part of the slave itself does not face the master: ahead of it across a
     # slot, behind it across a tooth, out of whose other flank they leave the slave before they meet the master.
@@ -108,8 +108,7 @@ def faced_arc(xy: np.ndarray, rows: np.ndarray, over: Cover, master: Side) -> np
     along = master.xy[end] - master.xy[start]
     away = xy[row] - master.xy[start]
     at = np.clip(dot(away, along) / dot(along, along), 0.0, 1.0)
-    order = np.lexsort((magnitude(away - at[:, None] * along), row))
-    nearest = order[np.flatnonzero(np.diff(row[order], prepend=-1))]
+    nearest = nearest_of_each(row, magnitude(away - at[:, None] * along))
     # At the second end its own arc length counts: zero where a closed chain ends in its start.
     arc = np.where(
         at < 1.0 - ALIKE, master.arc[start] + at * master.lengths[facet], master.arc[end]

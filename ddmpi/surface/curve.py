@@ -65,10 +65,7 @@ class Curve(Side):
         turns = np.full(len(self.nodes), np.nan)
         node = np.flatnonzero((before >= 0) & (after >= 0))
         b, a = before[node], after[node]
-        turn = np.arctan2(
-            outer[b, 0] * outer[a, 1] - outer[b, 1] * outer[a, 0],
-            dot(outer[b], outer[a]),
-        )
+        turn = np.arctan2(cross(outer[b], outer[a]), dot(outer[b], outer[a]))
         turns[node] = turn = np.where(np.abs(turn) <= ALIKE, 0.0, turn)
         smooth = np.abs(turn) <= SHARPEST
         node, b, a, turn = node[smooth], b[smooth], a[smooth], turn[smooth]

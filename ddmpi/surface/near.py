@@ -22,6 +22,12 @@ def around(
     return np.repeat(np.arange(len(centres)), number), np.fromiter(chain.from_iterable(near), int)
 
 
+def nearest_of_each(some: np.ndarray, distance: np.ndarray) -> np.ndarray:
+    """The entry with the least distance (k,) for each of the numbers `some` (k,), in their order."""
+    order = np.lexsort((distance, some))
+    return order[np.flatnonzero(np.diff(some[order], prepend=-1))]
+
+
 def contained(
     points: np.ndarray, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

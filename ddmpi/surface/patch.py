@@ -7,8 +7,8 @@ from functools import cached_property
 import numpy as np
 import scipy.sparse as sparse
 
-from ddmpi.mesh.boundary import SHARPEST, links
-from ddmpi.surface.side import Side, dot, nodal, unit
+from ddmpi.mesh.boundary import SHARPEST
+from ddmpi.surface.side import Side, dot, neighbours, nodal, unit
 from ddmpi.system.numbers import ALIKE, SAME, divisor, spans, together
 
 FEWEST = 5
@@ -114,10 +114,7 @@ def _fitted(
     xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray
 ) -> np.ndarray:
     """Normals (k, 3) of surfaces fitted at the corners marked by `whole` (k,); zero with too few neighbours."""
-    pairs, size = links(facets, 3), len(xy)
-    near = sparse.csr_matrix(
-        (np.ones(2 * len(pairs)), np.concatenate([pairs, pairs[:, ::-1]]).T), (size, size)
-    )
+    near = neighbours(facets, len(xy))
     ring = near @ sparse.diags(1.0 * whole)
     near = near + ring @ near
     near = near + sparse.diags(1.0 * (near.getnnz(axis=1) <= FEWEST)) @ (

@@ -109,6 +109,10 @@ class Side:
         place = np.einsum("qc,qcd->qd", at, self.xy[self.simplices[simplex]])
         return facet, bilinear(place, self.xy[self.corners[facet]], self.outward[facet])
 
+    def among(self, numbers: np.ndarray) -> np.ndarray:
+        """(f,) bool, which facets are among these `numbers`."""
+        return np.isin(np.arange(len(self.facets)), numbers)
+
     def shifted(self, shift: np.ndarray, body: str) -> Side:
         """The side of a body of this name that is elsewhere, by a shift (d,) in metres."""
         other = replace(self, body=body, xy=shift + self.xy)
@@ -316,6 +320,13 @@ def nodal(values: np.ndarray, facets: np.ndarray, size: int) -> np.ndarray:
     total = np.zeros((size, *values.shape[facets.ndim :]))
     np.add.at(total, facets, values)
     return total
+
+
+def neighbours(facets: np.ndarray, size: int) -> sparse.csr_matrix:
+    """(size, size) the neighbours of each node on facets (f, c) in space."""
+    pairs = links(facets, 3)
+    both = np.concatenate([pairs, pairs[:, ::-1]]).T
+    return sparse.csr_matrix((np.ones(both.shape[1]), both), (size, size))
 
 
 def across(facets: np.ndarray) -> np.ndarray:
