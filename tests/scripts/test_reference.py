@@ -1,5 +1,6 @@
 """The reference pages and the JSON schema are what the code says."""
 
+import functools
 import json
 import tomllib
 from pathlib import Path
@@ -16,11 +17,16 @@ ROOT = Path(__file__).resolve().parents[2]
 SCENES = sorted(path.relative_to(ROOT).as_posix() for path in (ROOT / "configs").rglob("*.toml"))
 
 
+@functools.cache
+def schema() -> dict:
+    return json_schema(Scene)
+
+
 def mistakes(scene: dict) -> list[str]:
     jsonschema = pytest.importorskip("jsonschema", reason="needs the package jsonschema")
     return [
         "/".join(map(str, error.absolute_path))
-        for error in jsonschema.Draft7Validator(json_schema(Scene)).iter_errors(scene)
+        for error in jsonschema.Draft7Validator(schema()).iter_errors(scene)
     ]
 
 
@@ -84,7 +90,7 @@ def test_every_key_has_a_meaning():
     """Every key of a scene is described, but for those that only choose a table."""
     described = {
         f"{name}.{key}": "description" in value
-        for name, table in json_schema(Scene)["$defs"].items()
+        for name, table in schema()["$defs"].items()
         for key, value in table["properties"].items()
     }
     assert len(described) > 90
