@@ -46,20 +46,6 @@ def test_every_compliance_knows_of_the_springs(solver):
     )
 
 
-def test_tangential_springs():
-    """A block that is pushed along its base: shear of the springs, the force over their area and stiffness."""
-    scene = resting(1e9)
-    scene["body"][0] |= {
-        "clamp": [],
-        "foundation": [{"on": "bottom", "normal": 1e12, "tangential": 1e6}],
-        "traction": [{"on": "bottom", "value": [1e3, 0.0]}],
-    }
-    answer = certified(scene)
-    u = answer.bodies["block"].displacement
-    assert u[:, 0].mean() == pytest.approx(1e-3, rel=1e-5)
-    assert answer.summary["bodies"]["block"]["reaction"] == pytest.approx([-2e3, 0.0], abs=1e-6)
-
-
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_curved_foundation(order):
     """A ring that a pressure widens against springs around it: Lamé with p = k u at the rim."""
