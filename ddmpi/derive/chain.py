@@ -18,7 +18,7 @@ from ddmpi.derive.entries import Entry, determined, entries_of
 from ddmpi.derive.parameters import Parameter, parameter
 from ddmpi.errors import naming
 from ddmpi.interface.law import Law
-from ddmpi.interface.state import ContactState, slip_start_change
+from ddmpi.interface.state import Answered, ContactState, slip_start_change
 from ddmpi.methods.linear import PURPOSE
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Outer
@@ -45,16 +45,6 @@ class Mark(Protocol):
 
     @property
     def closed(self) -> np.ndarray: ...
-
-
-class Answered(Protocol):
-    """A certified answer: displacements (nv, d) of this rank's bodies (m), and its contacts, by name."""
-
-    @property
-    def displacements(self) -> dict[str, np.ndarray]: ...
-
-    @property
-    def states(self) -> dict[str, ContactState]: ...
 
 
 class Chain:

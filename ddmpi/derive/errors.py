@@ -11,10 +11,10 @@ from ddmpi.body.loads import values_at
 from ddmpi.body.stress import Composite, stress, thickness_of, von_mises
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.derive.adjoint import Adjoint, VagueError, displaced, solve_adjoint
-from ddmpi.derive.chain import Answered
 from ddmpi.derive.entries import CLEAR
 from ddmpi.derive.results import functional
 from ddmpi.errors import SolverError
+from ddmpi.interface.state import Answered
 from ddmpi.judge.bars import (
     RUBS,
     UNDETERMINED,

@@ -12,11 +12,11 @@ from mpi4py import MPI
 from ddmpi.body.elasticity import LoadCase
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.derive.adjoint import displaced, solve_adjoint
-from ddmpi.derive.chain import Answered
 from ddmpi.derive.entries import CLEAR, Entry
 from ddmpi.derive.parameters import Parameter, parameter
 from ddmpi.derive.results import functional
 from ddmpi.errors import InputError, nearest
+from ddmpi.interface.state import Answered
 from ddmpi.methods.newton import Newton
 from ddmpi.scene.derivable import derivable
 from ddmpi.scene.results import GRADIENTS, Named, named, results, with_letters

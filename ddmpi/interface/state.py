@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -333,6 +333,20 @@ class ContactState:
 
     def count(self, status: str) -> int:
         return int((self.status == status).sum())
+
+
+class Answered(Protocol):
+    """An answer: displacements (nv, d) of this rank's bodies (m), the states of contacts that it owns, and the totals of
+    contacts, on the first rank of all, by name."""
+
+    @property
+    def displacements(self) -> dict[str, np.ndarray]: ...
+
+    @property
+    def states(self) -> dict[str, ContactState]: ...
+
+    @property
+    def contacts(self) -> dict[str, ContactTotals]: ...
 
 
 def _areas(interface: Interface) -> np.ndarray:

@@ -33,6 +33,10 @@ Box = tuple[
 ]  # its corners (d,) of the least and of the largest coordinates (m)
 
 
+Warnings = dict[tuple[bool, int, int], str]
+"""Of overlaps, in their order: of rigid partners or not, the number of a body, and of the other one or of the partner."""
+
+
 @dataclass(frozen=True)
 class Solid:
     """A body as drawn and in the answer.
@@ -165,7 +169,7 @@ def doubt_overlaps(
         for (a, b), ranks, box in near
         if b in solids and a not in solids
     ]
-    warnings = dict[tuple[bool, int, int], str]()
+    warnings = Warnings()
     for number, solid in solids.items():
         warnings |= _doubt_itself(assembly, number, solid, interfaces[number])
     for (a, b), ranks, _ in near:
@@ -179,7 +183,7 @@ def doubt_overlaps(
 
 def _doubt_itself(
     assembly: Assembly, number: int, body: Solid, interfaces: Sequence[Interface]
-) -> dict[tuple[bool, int, int], str]:
+) -> Warnings:
     """The warning, if any, of a body that penetrates itself, by (False, body, body). Not collective."""
     name, unit = assembly.scene.body[number].name, assembly.scene.units["length"]
     own = penetrates_itself(body, np.isin(body.numbers, _kept(interfaces, name, name)))
@@ -198,7 +202,7 @@ def _doubt_pair(
     solids: tuple[Solid, Solid],
     interfaces: Sequence[Interface],
     depths: Mapping[str, Mapping[str, float]],
-) -> dict[tuple[bool, int, int], str]:
+) -> Warnings:
     """The warning, if any, of two bodies that penetrate each other, by (False, first, second). `interfaces` are those of
     the first body, `depths` as of `_depths`. Not collective."""
     scene, unit = assembly.scene, assembly.scene.units["length"]
@@ -407,7 +411,7 @@ def deepest_in(
 
 def _doubt_rigid(
     assembly: Assembly, contacts: Mapping[str, ContactTotals], solids: Mapping[int, Solid]
-) -> dict[tuple[bool, int, int], str]:
+) -> Warnings:
     """Warnings where a body of this rank, one of the `solids`, penetrates a rigid partner outside its contact with it,
     by (True, body, partner). Collective."""
     moved = assembly.world.bcast(
@@ -417,7 +421,7 @@ def _doubt_rigid(
             if contact.rigid is not None
         }
     )
-    warnings = {}
+    warnings = Warnings()
     for body in assembly.bodies:
         for k, rigid in enumerate(assembly.scene.rigid):
             still = RigidMotion(np.array(rigid.displacement or np.zeros(body.mesh.dimension)))

@@ -9,7 +9,7 @@ from scipy.sparse import csgraph
 
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
-from ddmpi.interface.state import ContactState, ContactTotals
+from ddmpi.interface.state import Answered, ContactState, ContactTotals
 from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps
 from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
 from ddmpi.mesh.boundary import SHARPEST, creases
@@ -126,32 +126,26 @@ def doubt_shape(mesh: Mesh, name: str) -> str:
     )
 
 
-def doubt_answer(
-    assembly: Assembly,
-    displacements: Mapping[str, np.ndarray],
-    states: Mapping[str, ContactState],
-    contacts: Mapping[str, ContactTotals],
-    passing: bool = False,
-) -> list[str]:
+def doubt_answer(assembly: Assembly, answer: Answered, passing: bool = False) -> list[str]:
     """Warnings of an answer, on the first rank; none where it is not even finite. Collective.
 
     Parameters
     ----------
-    displacements : (nv, d) of each body of this rank (m)
-    states, contacts : as of a `Solution`; with output.only nothing is said of strains and of overlaps of bodies
+    answer : with output.only nothing is said of strains and of overlaps of bodies
     passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
         way may have next to no forces
     """
     world, here = assembly.world, assembly.in_world()
-    finite = all(bool(np.isfinite(u).all()) for u in displacements.values())
+    contacts = answer.contacts
+    finite = all(bool(np.isfinite(u).all()) for u in answer.displacements.values())
     if not world.allreduce(finite, MPI.LAND):
         return []
-    by_body = gathered(world, _of_bodies(assembly, displacements, contacts, passing))
+    by_body = gathered(world, _of_bodies(assembly, answer, passing))
     loads = {name: load for name, (_, load) in by_body.items()}
-    by_contact = gathered(world, _of_contacts(assembly, displacements, states, contacts, passing))
+    by_contact = gathered(world, _of_contacts(assembly, answer, passing))
     overlaps = []
     if not assembly.scene.output.only:
-        overlaps = doubt_overlaps(here, assembly.along(displacements), contacts)
+        overlaps = doubt_overlaps(here, assembly.along(answer.displacements), contacts)
     if world.rank:
         return []
     told = [warning for name in contacts for warning in by_contact.get(name, ())]
@@ -172,39 +166,32 @@ def subjects(doubts: Iterable[str], *kinds: str) -> set[str]:
 
 
 def _of_bodies(
-    assembly: Assembly,
-    displacements: Mapping[str, np.ndarray],
-    contacts: Mapping[str, ContactTotals],
-    passing: bool,
+    assembly: Assembly, answer: Answered, passing: bool
 ) -> dict[str, tuple[list[str], float]]:
     """The warnings of this rank's bodies by name, and the sums of the sizes of their loads (N). Not collective."""
     units, strains = assembly.scene.units, not assembly.scene.output.only
     found = {}
     for body in assembly.bodies:
-        u = displacements[body.spec.name]
+        u = answer.displacements[body.spec.name]
         warnings = [*_large_motion(body, u, units, strains)]
         if not passing:
-            warnings += _points_that_carry(body, u, contacts, units)
+            warnings += _points_that_carry(body, u, answer.contacts, units)
         found[body.spec.name] = warnings, body.member.elasticity.load
     return found
 
 
-def _of_contacts(
-    assembly: Assembly,
-    displacements: Mapping[str, np.ndarray],
-    states: Mapping[str, ContactState],
-    contacts: Mapping[str, ContactTotals],
-    passing: bool,
-) -> dict[str, list[str]]:
+def _of_contacts(assembly: Assembly, answer: Answered, passing: bool) -> dict[str, list[str]]:
     """The warnings of the contacts that this rank owns, by name. Collective."""
     world, here = assembly.world, assembly.in_world()
     most = world.allreduce(
         max((body.member.elasticity.load for body in assembly.bodies), default=0.0), MPI.MAX
     )
-    pressed = world.bcast(max((contact.normal_max for contact in contacts.values()), default=0.0))
+    pressed = world.bcast(
+        max((contact.normal_max for contact in answer.contacts.values()), default=0.0)
+    )
     found = {}
-    for name, (slid, largest) in _moved(assembly, displacements, states).items():
-        state = states[name]
+    for name, (slid, largest) in _moved(assembly, answer).items():
+        state = answer.states[name]
         warnings = [] if assembly.frames else [*_far_slip(assembly, state, slid)]
         warnings += _overlap_between(here, state, largest)
         warnings += _left(assembly, state)
@@ -220,16 +207,12 @@ def _of_contacts(
     return found
 
 
-def _moved(
-    assembly: Assembly,
-    displacements: Mapping[str, np.ndarray],
-    states: Mapping[str, ContactState],
-) -> dict[str, tuple[np.ndarray, float]]:
+def _moved(assembly: Assembly, answer: Answered) -> dict[str, tuple[np.ndarray, float]]:
     """By contact of this rank how far the rows (m, d) of the first side have moved past the second (m), and the largest
     displacement of both bodies (m). Collective."""
     mine = dict[tuple[str, int], tuple[np.ndarray, float]]()
     for body in assembly.bodies:
-        u = displacements[body.spec.name]
+        u = answer.displacements[body.spec.name]
         largest = float(np.linalg.norm(u, axis=1).max())
         for interface in body.member.interfaces:
             for side in interface.sides(body.spec.name):
@@ -237,7 +220,7 @@ def _moved(
     both, found = assembly.exchange.swap_objects(mine), {}
     for interface in assembly.space.interfaces:
         first, second = both[interface.name]
-        met = states[interface.name].interface
+        met = answer.states[interface.name].interface
         carried = met.partner.carried(met.places)
         other, largest = second or (0.0, 0.0)
         found[interface.name] = first[0] - other - carried, max(first[1], largest)

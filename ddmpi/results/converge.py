@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from ddmpi.results.summary import write_json
 from ddmpi.scene.results import with_letters
 
 
@@ -28,10 +26,3 @@ def table_of(summary: Mapping[str, Any]) -> dict[str, dict[str, Any]]:
             ],
         }
     return found
-
-
-def write_converge(path: Path, summary: Mapping[str, Any]) -> None:
-    """Write converge.json into the folder `path`. Not collective. Raises OutputError."""
-    write_json(
-        path / "converge.json", {"converged": summary["converged"], "results": table_of(summary)}
-    )

@@ -26,7 +26,7 @@ from ddmpi.petsc.events import event
 from ddmpi.petsc.options import in_force, unused_options, unused_words
 from ddmpi.pictures.browser import write_view
 from ddmpi.results.checkpoint import Checkpoints
-from ddmpi.results.converge import write_converge
+from ddmpi.results.converge import table_of
 from ddmpi.results.fields import (
     Datasets,
     Fields,
@@ -41,6 +41,7 @@ from ddmpi.results.summary import (
     rigid_partners,
     summarize,
     whole_of,
+    write_json,
     write_mechanism,
     write_summary,
 )
@@ -518,7 +519,8 @@ def _write_tables(path: Path, solved: Solved) -> None:
     """Write the tables of load steps and of meshes, and mechanism.json, on the first rank. Not collective."""
     scene, steps = solved.scene, solved.steps
     if scene.method.target:
-        write_converge(path, solved.summary)
+        found = {"converged": solved.summary["converged"], "results": table_of(solved.summary)}
+        write_json(path / "converge.json", found)
     write_table(path / "history.csv", HISTORY, steps.iterations)
     write_steps(path, steps.steps)
     if scene.time:

@@ -472,7 +472,7 @@ def _of_answer(solved: Solved, free: list[str], edges: Edges) -> list[str]:
     """The warnings of an answer, of load steps before it as well, with its `edges`. Collective."""
     assembly, solution, steps = solved.assembly, solved.solution, solved.steps
     scene, world = solved.scene, assembly.world
-    doubts = doubt_answer(assembly, solution.displacements, solution.states, solution.contacts)
+    doubts = doubt_answer(assembly, solution)
     infinite = doubt_edges(assembly.in_world(), solution.states, edges)
     # pressures that are rounding are neither finite nor infinite, and those of corners are not of single nodes alone
     rounded = subjects(doubts, *ROUNDED)

@@ -139,13 +139,7 @@ class March:
                 if self._leg == len(self._legs) - 1 and not again:
                     break
                 if solution.displacements:
-                    doubts = doubt_answer(
-                        self.assembly,
-                        solution.displacements,
-                        solution.states,
-                        solution.contacts,
-                        True,
-                    )
+                    doubts = doubt_answer(self.assembly, solution, True)
                     loose = undetermined_motions(self.assembly, solution.states)[:NAMED]
                     self.log.doubt(time, [*doubts, *loose])
                 self._next_leg(again)
