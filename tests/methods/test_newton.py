@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -29,7 +28,7 @@ from ddmpi.errors import SolverError
 from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog, diagnose
-from ddmpi.methods.half_space import HalfSpace, Model, _inverse
+from ddmpi.methods.half_space import HalfSpace, Model
 from ddmpi.methods.newton import Iterate, Newton
 from ddmpi.methods.paths import InteriorPoints, Softening
 from ddmpi.scene.method import Method
@@ -639,31 +638,3 @@ def test_a_linear_problem_that_grows_without_limit_is_an_error():
     failed = r"the linear problem of a Newton step failed with DIVERGED_NANORINF"
     with np.errstate(all="ignore"), pytest.raises(SolverError, match=failed):
         converges(1.0)
-
-
-def test_the_inverse_of_products_leaves_out_what_depends_on_others():
-    """Whatever the sizes of the directions; of two that are the same it takes both by halves."""
-    sizes = np.diag([1e-6, 3.0, 1e5])
-    gram = np.array([[2.0, 0.3, -0.4], [0.3, 1.5, 0.2], [-0.4, 0.2, 1.1]])
-    found = sizes @ _inverse(sizes @ gram @ sizes) @ sizes
-    assert found @ gram == pytest.approx(np.eye(3), abs=1e-9)
-    assert _inverse(np.ones((2, 2))) == pytest.approx(np.full((2, 2), 0.25))
-
-
-@pytest.mark.parametrize(
-    ("laws", "smooth"),
-    [
-        ([(True, False)], True),
-        ([(False, True)], True),
-        ([(True, False), (False, True)], True),
-        ([(False, False)], False),
-        ([(True, False), (False, False)], False),
-    ],
-)
-def test_no_node_slides_with_friction_where_each_contact_is_smooth_or_two_sided(laws, smooth):
-    interfaces = [
-        SimpleNamespace(law=SimpleNamespace(frictionless=one, two_sided=other), xy=np.empty((0, 2)))
-        for one, other in laws
-    ]
-    space = SimpleNamespace(interfaces=interfaces, laws=SimpleNamespace(largest_slope=0.0))
-    assert StatusLog(space).frictionless == smooth

@@ -20,6 +20,8 @@ from ddmpi.coupling.joint import Joint, Point
 from ddmpi.coupling.space import Space
 from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import BondedLaw, CoulombLaw
+from ddmpi.judge.diagnosis import StatusLog
+from ddmpi.methods.half_space import _inverse
 from ddmpi.methods.newton import GAIN, LENGTHS, Newton
 from ddmpi.methods.paths import InteriorPoints, Softening
 
@@ -252,3 +254,31 @@ def test_the_full_step_is_taken_where_it_gains_and_the_best_one_elsewhere():
     assert len({best for _, best, gains in taken if not gains}) >= 4
     assert 0 < sum(gains for _, _, gains in taken) < 40
     assert all(chosen == (1.0 if gains else best) for chosen, best, gains in taken)
+
+
+def test_the_inverse_of_products_leaves_out_what_depends_on_others():
+    """Whatever the sizes of the directions; of two that are the same it takes both by halves."""
+    sizes = np.diag([1e-6, 3.0, 1e5])
+    gram = np.array([[2.0, 0.3, -0.4], [0.3, 1.5, 0.2], [-0.4, 0.2, 1.1]])
+    found = sizes @ _inverse(sizes @ gram @ sizes) @ sizes
+    assert found @ gram == pytest.approx(np.eye(3), abs=1e-9)
+    assert _inverse(np.ones((2, 2))) == pytest.approx(np.full((2, 2), 0.25))
+
+
+@pytest.mark.parametrize(
+    ("laws", "smooth"),
+    [
+        ([(True, False)], True),
+        ([(False, True)], True),
+        ([(True, False), (False, True)], True),
+        ([(False, False)], False),
+        ([(True, False), (False, False)], False),
+    ],
+)
+def test_no_node_slides_with_friction_where_each_contact_is_smooth_or_two_sided(laws, smooth):
+    interfaces = [
+        SimpleNamespace(law=SimpleNamespace(frictionless=one, two_sided=other), xy=np.empty((0, 2)))
+        for one, other in laws
+    ]
+    space = SimpleNamespace(interfaces=interfaces, laws=SimpleNamespace(largest_slope=0.0))
+    assert StatusLog(space).frictionless == smooth

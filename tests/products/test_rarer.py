@@ -13,6 +13,7 @@ from scenes import COULOMB, FLOOR, certified, rectangle, to_toml
 from ddmpi.coupling.team import Team
 from ddmpi.decks.scene import import_deck
 from ddmpi.errors import InputError, SolverError
+from ddmpi.interface.interface import check_overlap
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.interface.state import slip_start, touching
 from ddmpi.mesh.mesh import Mesh, refuse_folded
@@ -161,3 +162,44 @@ def test_a_loose_body_on_several_ranks_is_in_equilibrium(comm):
     }
     force = certified(scene, comm).summary["contacts"]["block-floor"]["force"]
     assert force == pytest.approx([-3.15e4, 4.5e5], rel=1e-6)
+
+
+def of_two(**contact) -> dict:
+    """A block on one that is a little higher, with the ways of the upper one's top and the other's bottom."""
+    ways = contact.pop("ways", (0.0, 0.0))
+    above = [{"on": "top", "x": ways[0], "y": -1e-5}]
+    below = [{"on": "bottom", "x": ways[1], "y": 0.0}]
+    return {
+        "body": [
+            rectangle("upper", (0.0, 1.1), (3.0, 1.0), (12, 2), clamp=above),
+            rectangle("lower", (0.0, 0.0), (3.0, 1.1), (12, 2), clamp=below),
+        ],
+        "contact": [{"bodies": ["upper", "lower"], "on": ["bottom", "top"]} | contact],
+    }
+
+
+@pytest.mark.parametrize(("ways", "far"), [((0.3, -0.1), True), ((0.3, 0.3), False)])
+def test_bodies_that_are_carried_along_do_not_slide(ways, far):
+    """What counts is how far one moves past the other, here by 1.6 cells, or not at all; a node has 12/13 of a cell."""
+    warnings = certified(of_two(ways=ways)).summary["warnings"]
+    slid = [warning for warning in warnings if "node pairs slid" in warning]
+    assert len(slid) == far
+    assert all("up to 1.73 times the distance" in each for each in slid)
+
+
+@pytest.mark.parametrize("heights", [(1.1, 1.0), (1.0, 1.1)])
+def test_of_bodies_that_face_away_the_thinner_one_is_named(heights):
+    """Whichever it is: names in the wrong order mean an overlap of both heights."""
+    contact = SimpleNamespace(
+        name="seam",
+        gap=np.array([-2.1]),
+        normal=np.array([[0.0, 1.0]]),
+        fixed=SimpleNamespace(gap=np.empty(0), normal=np.empty((0, 2))),
+        law=SimpleNamespace(two_sided=False),
+        itself=False,
+    )
+    sides = [
+        SimpleNamespace(body=f"of {height} m", extent=np.array([3.0, height])) for height in heights
+    ]
+    with pytest.raises(InputError, match=r"overlap by 2.1 m, and the depth of 'of 1.0 m' is 1 m"):
+        check_overlap(contact, *sides)

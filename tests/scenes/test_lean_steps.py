@@ -1,6 +1,7 @@
 """Load steps without displacements: the same answers, energies and statuses as with those of every step."""
 
 import copy
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from scenes import COULOMB, FLOOR, certified, pinched_blocks, rectangle, seldom
 from solid_scenes import box
 
 from ddmpi.coupling.member import Member
+from ddmpi.run.steps import March
 
 TRESCA = {"law": "tresca", "slip_bound": 1.0e6}
 
@@ -156,3 +158,17 @@ def test_what_a_lean_certificate_doubts_is_judged_by_displacements(monkeypatch):
     scene = stepped(turned(), "legs", steps=2)
     answer = certified(scene)
     assert len(answer.summary["steps"]) == 6 and len(seen) > 12
+
+
+def test_a_step_that_fails_is_halved_so_many_times():
+    """Six times after the last success, whatever the shortest step that was planned."""
+    march = object.__new__(March)
+    march._cuts, march._shortest, march._ahead, march.iterations = 0, 1e-9, [], 0
+    march._now, march.outer = SimpleNamespace(time=0.5), SimpleNamespace(history=[])
+    failed = SimpleNamespace(
+        mechanism=None, stopped="diverged", given=False, unbalanced=False, reason="diverged"
+    )
+    time, halved = 1.5, 0
+    while halved < 20 and march._cut(failed, time):
+        time, halved = march._ahead[0], halved + 1
+    assert halved == 6 and time == 0.5 + 0.5**6

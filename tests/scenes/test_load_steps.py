@@ -3,7 +3,6 @@
 import copy
 import dataclasses
 import tomllib
-from types import SimpleNamespace
 
 import made_up
 import meshio
@@ -732,17 +731,3 @@ def test_slip_without_friction(d, partner):
     for vectors, moved in zip(along, (2e-3, 3e-3), strict=True):
         assert vectors == pytest.approx(np.tile(np.eye(d)[0] * moved, (len(vectors), 1)), abs=1e-5)
     assert set(state.status) == {"slip"} and state.dissipated == 0.0
-
-
-def test_a_step_that_fails_is_halved_so_many_times():
-    """Six times after the last success, whatever the shortest step that was planned."""
-    march = object.__new__(March)
-    march._cuts, march._shortest, march._ahead, march.iterations = 0, 1e-9, [], 0
-    march._now, march.outer = SimpleNamespace(time=0.5), SimpleNamespace(history=[])
-    failed = SimpleNamespace(
-        mechanism=None, stopped="diverged", given=False, unbalanced=False, reason="diverged"
-    )
-    time, halved = 1.5, 0
-    while halved < 20 and march._cut(failed, time):
-        time, halved = march._ahead[0], halved + 1
-    assert halved == 6 and time == 0.5 + 0.5**6

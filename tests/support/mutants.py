@@ -5496,7 +5496,7 @@ MUTANTS = [
             "judge/plausible",
             "first[0] - other - carried",
             "first[0] + other - carried",
-            "judge/test_plausible.py::test_bodies_that_are_carried_along_do_not_slide",
+            "products/test_rarer.py::test_bodies_that_are_carried_along_do_not_slide",
         ),
         (
             "a loose piece has no groups",
@@ -5545,7 +5545,7 @@ MUTANTS = [
             "run/steps",
             "self._cuts += 1",
             "self._cuts -= 1",
-            "scenes/test_load_steps.py::test_a_step_that_fails_is_halved_so_many_times",
+            "scenes/test_lean_steps.py::test_a_step_that_fails_is_halved_so_many_times",
         ),
         (
             "nodes without a slip bound have one in discs",
@@ -5587,7 +5587,7 @@ MUTANTS = [
             "interface/interface",
             "thin = sides[int(np.argmin(depths))].body",
             "thin = sides[int(np.argmax(depths))].body",
-            "judge/test_plausible.py::test_what_no_contact_can_mean_is_refused",
+            "products/test_rarer.py::test_of_bodies_that_face_away_the_thinner_one_is_named",
         ),
         (
             "hopeless meshes are judged by slow rates",
@@ -5601,7 +5601,7 @@ MUTANTS = [
             "methods/half_space",
             "kept = values > DEPENDENT * values[-1]",
             "kept = values > values[-1]",
-            "methods/test_newton.py::test_the_inverse_of_products_leaves_out_what_depends_on_others",
+            "methods/test_steps.py::test_the_inverse_of_products_leaves_out_what_depends_on_others",
         ),
         (
             "slides are driven by more where their bound is less",
@@ -5622,7 +5622,7 @@ MUTANTS = [
             "judge/diagnosis",
             "interface.law.frictionless or interface.law.two_sided",
             "interface.law.frictionless and interface.law.two_sided",
-            "methods/test_newton.py::test_no_node_slides_with_friction_where_each_contact_is_smooth_or_two_sided",
+            "methods/test_steps.py::test_no_node_slides_with_friction_where_each_contact_is_smooth_or_two_sided",
         ),
         (
             "a node around a layer stays where it is",
