@@ -203,3 +203,18 @@ def test_of_bodies_that_face_away_the_thinner_one_is_named(heights):
     ]
     with pytest.raises(InputError, match=r"overlap by 2.1 m, and the depth of 'of 1.0 m' is 1 m"):
         check_overlap(contact, *sides)
+
+
+def test_points_that_carry_a_body_are_told():
+    """A beam on its two lower corners: each bears half of its load of 6e4 N/m, which no side does."""
+    beam = rectangle(
+        "beam",
+        (0.3, 0.2),
+        (2.0, 0.5),
+        (8, 2),
+        clamp=[{"on": "left & bottom", "x": 0.0, "y": 0.0}, {"on": "right & bottom", "y": 0.0}],
+        traction=[{"on": "top", "value": [0.0, -3e4]}],
+    )
+    told = certified({"body": [beam]}).summary["warnings"]
+    words = "body.beam.clamp: the point 'left & bottom' carries a force of 3e+04 N/m"
+    assert any(warning.startswith(words) for warning in told)

@@ -5631,6 +5631,13 @@ MUTANTS = [
             "np.intersect1d(apart[layer], apart[~layer]), [1])",
             "decks/test_pieces.py::test_a_ring_that_is_cut_at_a_face_opens_there",
         ),
+        (
+            "points that carry a body are told of steps that pass alone",
+            "judge/plausible",
+            "if not passing:\n            warnings",
+            "if passing:\n            warnings",
+            f"{RARER}::test_points_that_carry_a_body_are_told",
+        ),
     )
 ]
 
@@ -5729,6 +5736,41 @@ EQUIVALENT = [
             "<= near / FLUSH",
             "< near / FLUSH",
             "It differs where two computed distances are equal to the last bit.",
+        ),
+        (
+            "a stage of softening at the limit is early",
+            "methods/paths",
+            "late = self._delta <= LATE",
+            "late = self._delta < LATE",
+            "It can only cost steps, as the first of these: what a path leaves is judged after it.",
+        ),
+        (
+            "the chopped gradient counts against the free one",
+            "published/mprgp",
+            "(free + chopped, feasible",
+            "(free - chopped, feasible",
+            "Both are orthogonal, and of their sum its norm alone is used.",
+        ),
+        (
+            "truncating a file tells nothing",
+            "system/files",
+            "self.tell() if size is None else size",
+            "self.tell() if not size is None else size",
+            "h5py, which truncates files, does not look at what is returned after an error that is postponed.",
+        ),
+        (
+            "bonds of exactly the most rows are not shared",
+            "coupling/member",
+            "len(root) > MOST",
+            "len(root) >= MOST",
+            "The limit bounds work and memory; of the same number of rows either is allowed.",
+        ),
+        (
+            "a normal at the limit of a form is another one",
+            "mesh/forms",
+            "form.normal) > WITHIN)",
+            "form.normal) >= WITHIN)",
+            "Distances of normals are real numbers, and the limit is far from their rounding and from those of other faces.",
         ),
     )
 ]
