@@ -62,7 +62,8 @@ def test_pictures_show_the_step_of_the_largest_factor_whatever_its_sign():
         "way": {"times": [1.0, 2.0, 2.3], "factors": [-2.0, -1.2, 0.1]},
         "load": {"times": [1.0, 2.0, 2.3], "factors": [0.6, 3.0, 0.0]},
     }
-    results = SimpleNamespace(summary={"scene": {"history": history}})
+    scene = {"history": history}
+    results = SimpleNamespace(summary={"scene": scene}, scene=scene)
     assert _most_loaded(results, np.array([1.0, 2.0, 2.3])) == 2.0
 
 
