@@ -153,7 +153,8 @@ def _refuse_loose(
 def _centroid(mesh: Mesh) -> np.ndarray:
     """(d,) centre of the area or volume."""
     measures, middle = mesh.measures(), mesh.points.mean(axis=0)
-    moments = measures[:, None] * (mesh.points[mesh.corners].mean(axis=1) - middle)
+    middles = np.take(mesh.points.T, mesh.corners.T, axis=1).mean(axis=1).T
+    moments = np.ascontiguousarray(measures[:, None] * (middles - middle))
     points, weights = mesh.cell.quadrature
     for cells in mesh.summed_blocks():
         mapped = mesh.map(cells, points)

@@ -271,7 +271,7 @@ def cell_stress(
         gradient = np.einsum(
             "acqt,art->crqt", mesh.cell.derivatives(hats)[:, None] @ moved, inverse
         )
-    C = np.einsum("ijmn,mncl->ijcl", material.tensor(n), gradients(mesh)).reshape(n * n, -1)
+    C = by_slopes(mesh, material).reshape(n * n, -1)
     sigma = (C @ gradient.reshape(C.shape[1], -1)).reshape(n, n, *gradient.shape[2:])
     if heat is not None:
         sigma -= np.multiply.outer(
@@ -282,10 +282,8 @@ def cell_stress(
 
 def elastic(mesh: Mesh, material: Material, products: np.ndarray) -> np.ndarray:
     """Σ t C_rkcl P_kl (d, d, …) for products (n, n, …) of slopes, with the thickness t."""
-    d, n, M = mesh.dimension, len(products), gradients(mesh)
-    C = np.einsum("ijrk,ijmn,mncl->rckl", M, material.tensor(n), M, optimize=True).reshape(
-        d * d, n * n
-    )
+    d, n = mesh.dimension, mesh.strains
+    C = np.einsum("ijrk,ijcl->rckl", gradients(mesh), by_slopes(mesh, material)).reshape(d * d, -1)
     return material.thickness * (C @ products.reshape(n * n, -1)).reshape(d, d, *products.shape[2:])
 
 
@@ -328,6 +326,11 @@ def modes_of(
     own, beside = np.split(K, [m * d], axis=2)
     solved = np.linalg.solve(own, np.concatenate([beside, push[..., None]], axis=2))
     return Modes(solved[..., :-1], beside, solved[..., -1], push)
+
+
+def by_slopes(mesh: Mesh, material: Material) -> np.ndarray:
+    """C_ijcl (n, n, d, n) in Pa of the stress σ_ij = C_ijcl s_cl, with s as of `gradients`."""
+    return np.einsum("ijmn,mncl->ijcl", material.tensor(mesh.strains), gradients(mesh))
 
 
 def gradients(mesh: Mesh) -> np.ndarray:

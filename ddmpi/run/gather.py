@@ -370,10 +370,10 @@ def _bodies(solved: Solved, machine: dict[str, Any]) -> list[tuple[int, str, dic
 
 def _quadratic_unknowns(solved: Solved) -> int | None:
     """About how many unknowns quadratic elements have on the same cells, where linear ones have a large error. Collective."""
+    if not (solved.error.relative > COARSE and solved.scene.body[0].mesh.order == 1):
+        return None
     assembly = solved.assembly
-    number = assembly.world.allreduce(sum(map(_with_middles, assembly.bodies)))
-    wanted = solved.error.relative > COARSE and solved.scene.body[0].mesh.order == 1
-    return round(number) if wanted else None
+    return round(assembly.world.allreduce(sum(map(_with_middles, assembly.bodies))))
 
 
 def _with_middles(body: Body) -> float:
