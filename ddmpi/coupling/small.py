@@ -36,7 +36,7 @@ class SmallBodies:
         matrices = [member.dense() for member in self._members]
         # of a body without compliance no product is counted
         self._moves = np.array([matrix.any() for matrix in matrices], bool)
-        self._C = _diagonal(matrices)
+        self._C = sparse.block_diag(matrices, "csr") if matrices else None
 
     def mult(self, vectors: Sequence[np.ndarray], purpose: str) -> list[int]:
         """Put C x (metres) in the place of x (newtons) in the `vectors` of small bodies, out of those of all.
@@ -63,14 +63,3 @@ class SmallBodies:
             yield
         finally:
             self._aside = False
-
-
-def _diagonal(matrices: Sequence[np.ndarray]) -> sparse.csr_matrix:
-    """The sparse matrix with these square ones along its diagonal."""
-    sizes = np.array([len(matrix) for matrix in matrices], int)
-    begins = np.cumsum(sizes) - sizes
-    columns = [np.tile(begin + np.arange(k), k) for begin, k in zip(begins, sizes, strict=True)]
-    values = [matrix.ravel() for matrix in matrices]
-    none, starts = np.empty(0), np.append(0, np.cumsum(np.repeat(sizes, sizes)))
-    entries = np.concatenate([none, *values]), np.concatenate([none.astype(int), *columns])
-    return sparse.csr_matrix((*entries, starts), (sizes.sum(),) * 2)
