@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import cKDTree
 
-from ddmpi.body.stress import compliance_of, components, stress_at
+from ddmpi.body.stress import compliance_of, components
 from ddmpi.mesh.elements import invert
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.run.answer import Answer
 from ddmpi.scene.bodies import Material, MeshSpec
+from meshes import stress_at
 
 CANDIDATES = {2: 24, 3: 80}
 """Of how many cells, by the distance from their centres, one holds a place."""

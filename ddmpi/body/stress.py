@@ -227,24 +227,6 @@ def von_mises(sigma: np.ndarray) -> np.ndarray:
     )
 
 
-def stress_at(
-    mesh: Mesh,
-    material: Material | Composite,
-    u: np.ndarray,
-    hats: np.ndarray,
-    heat: np.ndarray | None = None,
-) -> np.ndarray:
-    """Stress (n, n, q, nt) in Pa at points with hats (q, c) of all cells, for a displacement u (nv, d) in metres
-    and a temperature (nv,) in K.
-
-    n is `Mesh.strains`. Not collective.
-    """
-    sigma = np.empty((mesh.strains, mesh.strains, len(hats), len(mesh.triangles)))
-    for cells, uniform, curved in portions(mesh, material):
-        sigma[..., cells] = cell_stress(mesh, uniform, u, hats, cells, curved, heat)
-    return sigma
-
-
 def cell_stress(
     mesh: Mesh,
     material: Material,
@@ -254,7 +236,11 @@ def cell_stress(
     curved: bool,
     heat: np.ndarray | None = None,
 ) -> np.ndarray:
-    """`stress_at` (n, n, q, t) in some cells of one material, none of which are `summed` or all, `curved`."""
+    """Stress (n, n, q, t) in Pa at points with hats (q, c) of some cells of one material, none of which are `summed` or
+    all, `curved`, for a displacement u (nv, d) in metres and a temperature (nv,) in K.
+
+    n is `Mesh.strains`. Not collective.
+    """
     n, moved = mesh.strains, np.take(u.T, mesh.triangles[cells].T, axis=1)
     if curved:
         mapped = mesh.map(cells, hats)

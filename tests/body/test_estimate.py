@@ -18,13 +18,13 @@ from ddmpi.body.estimate import (
     sum_errors,
 )
 from ddmpi.body.recovery import patches_of
-from ddmpi.body.stress import Composite, components, stress, stress_at
+from ddmpi.body.stress import Composite, components, stress
 from ddmpi.mesh.elements import CELLS, CUTS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_annulus, generate_rectangle
 from ddmpi.scene.bodies import Material, MeshSpec
-from meshes import energy_density
+from meshes import energy_density, stress_at
 
 STEEL = Material(young=2e11, poisson=0.3)
 ORDERS = pytest.mark.parametrize("order", [1, 2])

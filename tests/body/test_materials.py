@@ -11,7 +11,6 @@ from ddmpi.body.stress import (
     components,
     material_of,
     modulus_beside,
-    stress_at,
 )
 from ddmpi.errors import InputError
 from ddmpi.mesh.boundary import material_numbers
@@ -20,7 +19,7 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.refine import raise_order
 from ddmpi.mesh.shapes import generate_rectangle
 from ddmpi.scene.bodies import BodySpec, Material, MeshSpec, PartMaterial
-from meshes import energy_density
+from meshes import energy_density, stress_at
 
 CORE, RIM = {"young": 2.1e11, "poisson": 0.3}, {"young": 1.0e9, "poisson": 0.45}
 both_orders = pytest.mark.parametrize("order", [1, 2])

@@ -17,11 +17,11 @@ from ddmpi.body.loads import nodal_loads
 from ddmpi.body.rigid_motions import add_springs, body_motions, support
 from ddmpi.body.solver import StiffnessSolver
 from ddmpi.body.stiffness import Stiffness, sum_stiffness
-from ddmpi.body.stress import components, stress, stress_at, von_mises
+from ddmpi.body.stress import components, stress, von_mises
 from ddmpi.mesh.elements import CELLS
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material, Traction
-from meshes import energy_density
+from meshes import energy_density, stress_at
 
 both_orders = pytest.mark.parametrize("order", [1, 2])
 SOFT = Material(young=1.0e9, poisson=0.45)

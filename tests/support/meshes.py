@@ -8,7 +8,7 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
-from ddmpi.body.stress import compliance_of
+from ddmpi.body.stress import Composite, cell_stress, compliance_of, portions
 from ddmpi.mesh.build import build_mesh
 from ddmpi.mesh.elements import facet_measures
 from ddmpi.mesh.mesh import Mesh
@@ -70,6 +70,24 @@ def longest(mesh: Mesh) -> float:
     """The longest edge."""
     ends = mesh.points[mesh.triangles[:, mesh.cell.edges[:, :2]]]
     return float(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2).max())
+
+
+def stress_at(
+    mesh: Mesh,
+    material: Material | Composite,
+    u: np.ndarray,
+    hats: np.ndarray,
+    heat: np.ndarray | None = None,
+) -> np.ndarray:
+    """Stress (n, n, q, nt) in Pa at points with hats (q, c) of all cells, for a displacement u (nv, d) in metres
+    and a temperature (nv,) in K.
+
+    n is `Mesh.strains`.
+    """
+    sigma = np.empty((mesh.strains, mesh.strains, len(hats), len(mesh.triangles)))
+    for cells, uniform, curved in portions(mesh, material):
+        sigma[..., cells] = cell_stress(mesh, uniform, u, hats, cells, curved, heat)
+    return sigma
 
 
 def energy_density(material: Material, sigma: np.ndarray) -> np.ndarray:
