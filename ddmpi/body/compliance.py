@@ -262,9 +262,7 @@ def plan_compliance(
     return choose_kind(n, B.shape[0], memory, d, largest)
 
 
-def choose_kind(
-    n: int, k: int, memory: float, d: int = 2, largest: float = LARGEST_CONDENSED[0]
-) -> tuple[str, str]:
+def choose_kind(n: int, k: int, memory: float, d: int, largest: float) -> tuple[str, str]:
     """The kind of compliance for a body with `n` dofs, `d` of a node, and `k` contact unknowns, and the reason.
 
     A body whose factors exceed the `memory` (bytes) is solved by multigrid; in space also one of more than `largest`

@@ -319,16 +319,14 @@ class CoarseSystem:
         weights: np.ndarray,
         stiffness: Callable[[np.ndarray], np.ndarray],
         resists: sparse.spmatrix,
-        kept: Sequence[bool] | np.ndarray = (),
+        kept: np.ndarray,
+        held: np.ndarray,
         columns: sparse.csr_matrix | None = None,
-        held: np.ndarray | None = None,
     ) -> None:
         self._space = motions.space
-        moves = sparse.diags(
-            np.append(1.0 - np.asarray(kept, float), np.ones(motions.size - len(kept)))
-        )
+        moves = sparse.diags(np.append(1.0 - kept, np.ones(motions.size - len(kept))))
         self._held = np.zeros((motions.size, 0))
-        if held is not None and held.size:
+        if held.size:
             self._held = np.vstack([held, np.zeros((motions.size - len(held), held.shape[1]))])
             moves = moves - sparse.csr_matrix(self._held) @ sparse.csr_matrix(self._held.T)
         with event("CoarseSystem"):

@@ -25,7 +25,7 @@ from ddmpi.scene.motions import Freed, freed_part, parts_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed, merged
-from ddmpi.system.numbers import Frame
+from ddmpi.system.numbers import Frame, concatenated
 
 BothSides = tuple[Side, Side | None]
 """Of a contact; None for a rigid partner."""
@@ -76,7 +76,7 @@ class Framed(Factored):
         faces: Sequence[Side],
         memory: float,
     ) -> None:
-        nodes = np.unique(np.concatenate([np.empty(0, int), *(side.nodes for side in faces)]))
+        nodes = np.unique(concatenated((side.nodes for side in faces), int))
         super().__init__(
             body.name,
             elasticity,

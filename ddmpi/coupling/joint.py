@@ -17,7 +17,7 @@ from ddmpi.coupling.member import Member
 from ddmpi.coupling.small import SmallBodies
 from ddmpi.coupling.space import Point, Space
 from ddmpi.interface.interface import Interface
-from ddmpi.system.numbers import ROUNDING, norm
+from ddmpi.system.numbers import ROUNDING, concatenated, norm
 
 STEERING = 0.1
 """With an iterative solver, a product in GMRES needs no more relative precision than this times the ratio by which
@@ -401,15 +401,14 @@ class Joint:
             if falling - upright:
                 falls[k] = ~touches[k]
             touches[k] |= bool(falling) or not self.rigid.size
-        none = np.empty(0, bool)
-        return np.concatenate([none, *touches]), np.concatenate([none, *falls])
+        return concatenated(touches, bool), concatenated(falls, bool)
 
     def of_all(
         self, arrays: Sequence[np.ndarray], partners: Sequence[np.ndarray] = ()
     ) -> np.ndarray:
         """Arrays of all bodies and then of driven partners, concatenated in the order of the motions."""
         everyone = self.exchange.world.allgather(arrays)
-        return np.concatenate([np.zeros(0), *itertools.chain(*everyone), *partners])
+        return concatenated([*itertools.chain(*everyone), *partners])
 
     def placed(self, alpha: np.ndarray) -> list[Interface]:
         """The owned interfaces, with rigid partners and offsets where the motions α (rigid.size,) take them."""

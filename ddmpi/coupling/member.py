@@ -16,7 +16,7 @@ from ddmpi.coupling.sides import Sides
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.trace import nodal_forces, seen
 from ddmpi.petsc.events import event
-from ddmpi.system.numbers import ROUNDING, Frame, divisor, norm
+from ddmpi.system.numbers import ROUNDING, Frame, concatenated, divisor, norm
 
 RANK = 1e-9
 """Singular values below this fraction of the largest are rounding: of ties that say one thing twice."""
@@ -64,9 +64,7 @@ class Member(Sides):
             history: (h + self.trace(self.elasticity.cases[history].prescribed), e)
             for history, (h, e) in at.responses.items()
         }
-        self.h, self.e = (
-            sum((response[k] for response in self._responses.values()), np.zeros(1)) for k in (0, 1)
-        )
+        self._respond(dict.fromkeys(self._responses, 1.0))
         if C := getattr(at, "C", None):
             self.C, self._set_up = C, C.count.copy()
             self._operator = C if frame else body
@@ -109,6 +107,10 @@ class Member(Sides):
         """Set loads and prescribed displacements to these `factors` by history. Not collective."""
         self._acting = factors  # `elasticity` sums the loads on all nodes when it is asked for
         self._factors = np.array([factors[name] for name in self.body.histories])
+        self._respond(factors)
+
+    def _respond(self, factors: Mapping[str | None, float]) -> None:
+        """Set h and e."""
         self.h, self.e = (
             sum(
                 (factors[name] * response[k] for name, response in self._responses.items()),
@@ -139,14 +141,8 @@ class Member(Sides):
         B, several = self.C.B.tocoo(), self._several()
         # 1/c is the compliance of both bodies together at a row: each has half of it, a body alone has all. A row
         # distributes it by the squares of B over its nodes, with one or with several contacts.
-        compliance = np.concatenate(
-            [
-                np.empty(0),
-                *(
-                    1.0 / ((2.0 - interface.alone) * interface.stiffness)
-                    for interface in self.interfaces
-                ),
-            ]
+        compliance = concatenated(
+            1.0 / ((2.0 - interface.alone) * interface.stiffness) for interface in self.interfaces
         )
         number = np.bincount(B.col, minlength=B.shape[1])
         node = np.bincount(B.col, compliance[B.row], B.shape[1]) / np.maximum(number, 1)
@@ -336,14 +332,12 @@ class Member(Sides):
         alpha: np.ndarray | None = None,
         purpose: str = "displacement",
         left: np.ndarray | None = None,
-        relative: float = ROUNDING,
     ) -> tuple[np.ndarray, float, float, float]:
         """Displacement under the load and the contact forces s (size,) in newtons.
 
         A loose body also moves by the rigid motions α (j,) in metres; without them its displacement is centred, as in
         `h` and `mult`. `left` (j,) are the loads along its motions that are left without balance (N), where some motions
-        are held; then what these bear does not count. `relative` as for `Compliance.mult`. Collective on the body's
-        communicator. Raises SolverError.
+        are held; then what these bear does not count. Collective on the body's communicator. Raises SolverError.
 
         Returns
         -------
@@ -360,7 +354,7 @@ class Member(Sides):
             f.aypx(-1.0, b)
             load = self.body.balanced(f)
             if load.norm() > 0.0:
-                self.C.solve(load, u, purpose, relative)  # the certificate checks this solve
+                self.C.solve(load, u, purpose, ROUNDING)  # the certificate checks this solve
             if self.body.centring:
                 u.array[:] = self.body.centring.centre(u.array_r)
             Au = u.duplicate()

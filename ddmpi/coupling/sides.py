@@ -17,6 +17,7 @@ from ddmpi.interface.trace import (
     sliding_trace,
     trace,
 )
+from ddmpi.system.numbers import concatenated
 
 T = TypeVar("T", bound=Any)
 
@@ -61,7 +62,7 @@ class Sides:
     def trace(self, u: np.ndarray) -> np.ndarray:
         """B u (size,) in metres, of a displacement (nv, d) of all nodes."""
         rows = self._each(lambda met, side: displacement_trace(met, side, u))
-        return np.concatenate([np.empty(0), *rows])
+        return concatenated(rows)
 
     def beside(self, u: np.ndarray) -> dict[tuple[str, int], tuple[np.ndarray, np.ndarray]]:
         """Displacements (m) that belong to no unknown, by contact and side: normal ones at the interfaces' probes, and
@@ -77,4 +78,4 @@ class Sides:
         """Displacement (size,) from which slip counts (m), by `began`: those (nv, d) of all nodes, by contact."""
         self.began = dict(began)
         rows = self._each(lambda met, side: displacement_trace(met, side, self.began[met.name]))
-        return np.concatenate([np.empty(0), *rows])
+        return concatenated(rows)

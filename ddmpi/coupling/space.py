@@ -19,7 +19,7 @@ from ddmpi.interface.laws import Laws
 from ddmpi.scene.contacts import Closure
 from ddmpi.scene.scene import Settled
 from ddmpi.system.doubts import Doubt
-from ddmpi.system.numbers import in_words, norm
+from ddmpi.system.numbers import concatenated, in_words, norm
 
 
 class Point(NamedTuple):
@@ -97,9 +97,7 @@ class Space:
         self.opening = np.zeros(self.size)
         for interface, entries in self.with_slices():
             self.opening[entries][: interface.m] = interface.opening
-        self.prescribed = np.concatenate(
-            [np.empty(0), *(interface.prescribed for interface in self.interfaces)]
-        )
+        self.prescribed = concatenated(interface.prescribed for interface in self.interfaces)
         self.gap = self.opening - self.prescribed
 
     def act(self, factors: Mapping[str | None, float]) -> None:
@@ -160,14 +158,9 @@ class Space:
 
     def at_nodes(self, x: np.ndarray) -> np.ndarray:
         """|v| of each node's entries of a vector (size,), for all owned nodes; independent of the tangents."""
-        return np.concatenate(
-            [
-                np.empty(0),
-                *(
-                    np.sqrt(np.bincount(interface.law.node, x[entries] ** 2, interface.m))
-                    for interface, entries in self.with_slices()
-                ),
-            ]
+        return concatenated(
+            np.sqrt(np.bincount(interface.law.node, x[entries] ** 2, interface.m))
+            for interface, entries in self.with_slices()
         )
 
     def norm(self, x: np.ndarray) -> float:
@@ -266,9 +259,7 @@ def kept_by_bonds(
         and all(len(move.indices) == interface.m for move in interface.rows.transfer)
     }  # no merged nodes on an axis
     # Only bonds at a node of several contacts can close a chain.
-    ends, times = np.unique(
-        np.concatenate([np.empty(0, int), *map(np.unique, pairs.values())]), return_counts=True
-    )
+    ends, times = np.unique(concatenated(map(np.unique, pairs.values()), int), return_counts=True)
     bonds = [
         rows[np.isin(rows, ends[times > 1]).any(axis=1) & (joined[name][0].gap == 0.0)]
         for name, rows in pairs.items()

@@ -33,6 +33,7 @@ from ddmpi.errors import SolverError
 from ddmpi.interface.law import Tangent
 from ddmpi.methods.half_space import HalfSpace, modes_of
 from ddmpi.petsc.versions import call_solver, petsc_message, reason_name
+from ddmpi.system.numbers import concatenated
 
 log = logging.getLogger("ddmpi")
 
@@ -171,7 +172,7 @@ class Preconditioner:
     def __init__(self, joint: Joint) -> None:
         self._joint, space = joint, joint.space
         stiffness = [interface.stiffness for interface in space.interfaces]
-        self.hard = np.concatenate([np.empty(0), *stiffness])
+        self.hard = concatenated(stiffness)
         self.c = self.hard / (1.0 + joint.D * self.hard)
         components = np.array([float(law.components) for law in space.laws.laws])
         self.in_space = space.largest(components) > 1.0
@@ -314,8 +315,8 @@ class LinearProblem:
                 self._half_space.mult,
                 resists,
                 joint.stays.bolts,
-                E if transposed else None,
                 joint.stays.held,
+                E if transposed else None,
             )
 
     def precondition(

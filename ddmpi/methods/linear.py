@@ -25,7 +25,7 @@ import numpy as np
 from ddmpi.coupling.joint import Joint, Point
 from ddmpi.methods.dense import SMALL, Factors, factor
 from ddmpi.methods.krylov import Linearised, LinearProblem, Preconditioner, Regularisation
-from ddmpi.system.numbers import norm
+from ddmpi.system.numbers import concatenated, norm
 
 AIM, ROUNDS = 1e-10, 10
 """Relative residual that derivatives aim at, and most solves by GMRES to reach it."""
@@ -93,12 +93,12 @@ class Linearisation:
 
     def along_slip(self, bounds: Sequence[np.ndarray]) -> np.ndarray:
         """γ (size,): `bounds` (mt,) of each interface along the friction of nodes that slip (N)."""
-        vectors = [np.empty(0)]
+        vectors = list[np.ndarray]()
         for active, bound in zip(
             self.active, bounds, strict=False
         ):  # a rank without interfaces has an empty law
             vectors += [np.zeros(len(active.closed)), (active.slip * bound[:, None]).ravel()]
-        return np.concatenate(vectors)
+        return concatenated(vectors)
 
     def direct(self, rho: np.ndarray, de: np.ndarray, gamma: np.ndarray) -> Changed:
         """The derivative of the answer by ρ (size,) in metres, de (rigid.size,) and γ (size,) in newtons."""
@@ -140,7 +140,7 @@ class Linearisation:
             )
             for interface, part in space.with_slices()
         ]
-        draw = np.concatenate([np.empty(0), *draws])
+        draw = concatenated(draws)
         y = lin.restrict(np.where(joint.shared(), draw, 0.0))
         size = space.norm(y)
         if not size:

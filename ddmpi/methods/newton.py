@@ -37,7 +37,7 @@ from ddmpi.methods.linear import Linearisation
 from ddmpi.methods.outer import Outer, Report, Step, no_report
 from ddmpi.methods.paths import DRIFT, STOPPED, InteriorPoints, Path, Softening
 from ddmpi.petsc.events import event
-from ddmpi.system.numbers import norm
+from ddmpi.system.numbers import concatenated, norm
 
 LENGTHS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3, 0.2, 0.15, 0.1, 0.05, 0.02)
 """Lengths of a Newton step; the others are tried only if the full one gains too little, see GAIN."""
@@ -193,7 +193,7 @@ class Newton(Outer):
         """The nodes (m,) bool of all interfaces that forces s (size,) press."""
         parts = self.joint.space.with_slices()
         pressed = [s[entries][: interface.m] > 0.0 for interface, entries in parts]
-        return np.concatenate([np.empty(0, bool), *pressed])
+        return concatenated(pressed, bool)
 
     def _first_guess(self, at: Iterate) -> tuple[np.ndarray, np.ndarray]:
         """The nodes (m,) bool that the first step takes as closed, and those onto which a body falls. Collective.

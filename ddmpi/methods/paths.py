@@ -320,7 +320,7 @@ class InteriorPoints(Path):
                 lambda columns: columns,
                 UNSEEN * sparse.identity(joint.rigid.size),
                 joint.stays.bolts,
-                held=joint.stays.held,
+                joint.stays.held,
             ).correct(r)
             alpha -= motions
         # each gap w begins at the largest of: the widest clearance, what the first force closes, and its r

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -205,6 +205,11 @@ def scaled_unit(value: float, unit: str) -> tuple[float, str]:
         return 1.0, unit
     factor, prefix = next(((f, p) for f, p in PREFIXES if value >= f), (1.0, ""))
     return factor, prefix + unit
+
+
+def concatenated(arrays: Iterable[np.ndarray], kind: type = float) -> np.ndarray:
+    """Vectors one after the other; an empty one of this kind where there are none."""
+    return np.concatenate([np.empty(0, kind), *arrays])
 
 
 def spans(start: np.ndarray, stop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

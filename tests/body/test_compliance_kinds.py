@@ -127,7 +127,7 @@ def choices() -> Iterator[tuple[int, int, float, int, str, str]]:
 
 @pytest.mark.parametrize("n, k, memory, d, kind, words", list(choices()))
 def test_kind_is_chosen_from_sizes_and_memory(n, k, memory, d, kind, words):
-    found, reason = choose_kind(n, k, memory, d)
+    found, reason = choose_kind(n, k, memory, d, LARGEST_CONDENSED[0])
     assert found == kind and words in reason
 
 

@@ -201,6 +201,7 @@ def test_the_coarse_problem_holds_motions_however_forces_follow_each_other():
         lambda columns: root @ root.T @ columns,
         sparse.diags(D),
         np.zeros(number, bool),
+        np.zeros((number, 0)),
     )
     h = rng.standard_normal(number)
     y, a = coarse.correct(rng.standard_normal(size), h)

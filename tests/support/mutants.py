@@ -2968,7 +2968,7 @@ MUTANTS = [
         (
             "an offset that is kept still moves",
             "coupling/coarse",
-            "np.append(1.0 - np.asarray(kept, float),",
+            "np.append(1.0 - kept,",
             "np.append(np.ones(len(kept)),",
             f"{BOLTS}::test_products_by_multigrid",
         ),
