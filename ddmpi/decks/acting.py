@@ -14,13 +14,16 @@ from ddmpi.decks.pieces import Cut, Piece, Side, formula, linear
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
 
-Key = tuple[float, str | None]
+History = str | None
+"""The name of a history, if there is one."""
+
+Key = tuple[float, History]
 """The value of a load, and its history."""
 
 Way = int | tuple[Any, ...]
 """An axis, or a direction by numbers or formulas."""
 
-Supported = dict[Way, dict[tuple[bool, str | None], dict[int, float]]]
+Supported = dict[Way, dict[tuple[bool, History], dict[int, float]]]
 """Values by place: by axis or direction, then whether they are moved and by which history."""
 
 
@@ -185,7 +188,7 @@ class Acts:
 
     def _together(self, piece: Piece, at: Supported) -> list[Entries]:
         """Clamps of values by direction, history and place; along axes those of the same nodes are one."""
-        together: dict[tuple[bytes, str | None, Any], tuple[np.ndarray, Entries]] = {}
+        together: dict[tuple[bytes, History, Any], tuple[np.ndarray, Entries]] = {}
         for way in sorted(at, key=lambda way: (isinstance(way, tuple), str(way))):
             for (_, history), held in at[way].items():
                 places = np.array(sorted(held))
@@ -220,7 +223,7 @@ class Acts:
         self._tell_nowhere()
         return found
 
-    def _pressed(self) -> dict[tuple[Piece, float, str | None, tuple], list[int]]:
+    def _pressed(self) -> dict[tuple[Piece, float, History, tuple], list[int]]:
         """The facets under each pressure, or traction along its direction, by body, value, history and direction."""
         pressed = defaultdict[tuple, list[int]](list)
         for (element, face, way), acting in self.kinds["pressures"].items():
@@ -285,7 +288,7 @@ class Acts:
 
     def _forces(self, piece: Piece) -> list[Entries]:
         """Nodal forces as tractions with the same resultant and the same first moments."""
-        by_history: dict[str | None, dict[int, np.ndarray]] = defaultdict(dict)
+        by_history: dict[History, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
         for (node, component), acting in self.kinds["forces"].items():
             value, history = self.factor(acting)
@@ -345,7 +348,7 @@ class Acts:
     def volume_forces(self, piece: Piece) -> list[Any] | Entries | None:
         """Gravity, centrifugal and other forces per volume of a body, as formulas; all must have one history."""
         # by history: the first keyword, and c and the rows of Sᵀ (1 + d, d) of f = c + S x
-        fields: dict[str | None, tuple[Card, np.ndarray]] = {}
+        fields: dict[History, tuple[Card, np.ndarray]] = {}
         own = set(piece.elements.tolist())
         d = len(self.axes)
         for (what, scope, label, field), acting in self.kinds["body_forces"].items():
@@ -421,11 +424,11 @@ class Acts:
         text = self._field(piece, fields[0], card)
         return (text if not history else {"value": text, "history": history}), expansions
 
-    def _warmed(self, piece: Piece, own: Sequence[int]) -> tuple[np.ndarray, str | None]:
+    def _warmed(self, piece: Piece, own: Sequence[int]) -> tuple[np.ndarray, History]:
         """(2, n) temperatures of a body at first and at the end, of which its `own` nodes change, and their history."""
         start, _ = self.model.temperatures(piece.nodes.tolist())
         end = start.copy()
-        histories = set[str | None]()
+        histories = set[History]()
         for node in own:
             k = piece.place[node]
             acting = self.kinds["heat"][node]
@@ -520,7 +523,7 @@ def _axis(way: np.ndarray) -> int | None:
     return main if abs(abs(way[main]) - 1.0) < EXACT else None
 
 
-def later(history: str | None) -> Entries:
+def later(history: History) -> Entries:
     """The entry of a history, if there is one."""
     return {"history": history} if history else {}
 

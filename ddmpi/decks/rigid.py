@@ -11,7 +11,7 @@ import numpy as np
 from ddmpi.decks.acting import Acts, later
 from ddmpi.decks.cards import EXACT, Entries, Rigid
 from ddmpi.decks.pieces import Piece, Side, formula, own_name
-from ddmpi.system.numbers import ROUNDING
+from ddmpi.system.numbers import ROUNDING, crossed, moments
 
 SMALL_TURN = 0.2
 """Largest turn (radians) of a rigid set with NLGEOM: displacements of small turns are 2 % off."""
@@ -212,9 +212,7 @@ class RigidSets:
         arm = pivot - centre
         wide = np.abs([pivot, centre]).max()
         # about the centre of the faces
-        moment = moment + (
-            np.cross(arm, force) if d == 3 else arm[0] * force[1] - arm[1] * force[0]
-        )
+        moment = moment + moments(arm[None], force[None])[0]
         moment[np.abs(moment) <= ROUNDING * np.abs(force).max() * wide] = 0.0
         on = piece.group(facets, "coupled")
         for key, value in ("force", force), ("moment", moment):
@@ -230,8 +228,7 @@ class RigidSets:
         d = len(pivot)
         axes = self.acts.axes
         shift, turn = np.split(held, [d])
-        turn = turn if d == 3 else np.array([0.0, 0.0, turn[0]])
-        slopes = np.cross(turn, np.eye(3))[:d, :d]  # row k: ∂u/∂x_k
+        slopes = crossed(turn[None], np.eye(d))  # row k: ∂u/∂x_k
         moved = {
             axis: formula(float(shift[k] - slopes[:, k] @ pivot), slopes[:, k], axes)
             for k, axis in enumerate(axes)

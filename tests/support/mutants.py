@@ -810,15 +810,15 @@ MUTANTS = [
         (
             "a rigid set turns the other way",
             "decks/rigid",
-            "slopes = np.cross(turn, np.eye(3))",
-            "slopes = np.cross(np.eye(3), turn)",
+            "crossed(turn[None], np.eye(d))",
+            "crossed(turn[None], np.eye(d)).T",
             f"{DECKS}::test_a_rigid_set_whose_motion_is_given",
         ),
         (
             "a force at a reference node has no lever",
             "decks/rigid",
-            "np.cross(arm, force) if d == 3",
-            "0.0 * force if d == 3",
+            "moments(arm[None], force[None])[0]",
+            "0.0 * moments(arm[None], force[None])[0]",
             f"{DECKS}::test_couplings_carry_force_and_moment",
         ),
         (
