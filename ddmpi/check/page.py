@@ -152,11 +152,7 @@ class _Scenery:
         self._results = results
         self._view = View(results.points, _asked(results))
         self.extent = float(np.ptp(results.points, axis=0).max())
-        points = []
-        triangles = []
-        edges = []
-        face = []
-        owner = []
+        parts = []
         first = 0
         for k, (name, body) in enumerate(bodies.items()):
             number = np.zeros(len(body.boundary.facets), int)
@@ -165,17 +161,10 @@ class _Scenery:
                     number[piece.some] = j
             make = _solid if self._view.solid else _flat
             at, cells, lines, of = make(body, number, RIBBON * self.extent, results.axisymmetric)
-            points.append(at)
-            triangles.append(cells + first)
-            edges.append(lines + first)
-            face.append(of)
-            owner.append(np.full(len(at), k))
+            parts.append((at, cells + first, lines + first, of, np.full(len(at), k)))
             first += len(at)
-        self.face = np.concatenate(face)
-        self._owner = np.concatenate(owner)
-        self._points = np.vstack(points)
-        self._triangles = np.vstack(triangles)
-        self._edges = np.vstack(edges)
+        every = map(np.concatenate, zip(*parts, strict=True))
+        self._points, self._triangles, self._edges, self.face, self._owner = every
         drawn = len(self._triangles)
         self._coarsen()
         left = len(self._triangles)
@@ -245,9 +234,11 @@ def _asked(results: Results) -> dict[str, Any]:
     return {"view": view} if View(results.points).solid and view else {}
 
 
-def _solid(
-    body: Looked, number: np.ndarray, width: float, turned: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+Drawn = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+"""Points (k, 3), triangles (t, 3), edges (e, 2), and the piece (k,) of each point."""
+
+
+def _solid(body: Looked, number: np.ndarray, width: float, turned: bool) -> Drawn:
     """Points (k, 3), triangles (t, 3), no edges, and pieces (k,) of the boundary of a solid; pieces share no points."""
     triangles, of = linear_parts(body.boundary.facets, 2)
     key, corners = np.unique(
@@ -257,9 +248,7 @@ def _solid(
     return body.mesh.points[key[:, 1]], corners.reshape(-1, 3), edges, key[:, 0]
 
 
-def _flat(
-    body: Looked, number: np.ndarray, width: float, turned: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _flat(body: Looked, number: np.ndarray, width: float, turned: bool) -> Drawn:
     """Points (k, 3), triangles (t, 3), edges (e, 2) and pieces (k,) of a body in the plane: its cells, and unless they
     are `turned` around an axis, ribbons of this width along its boundary."""
     mesh = body.mesh
