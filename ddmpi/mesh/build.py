@@ -5,7 +5,7 @@ import hashlib
 import os
 import re
 import stat
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import replace
 from math import factorial
 from pathlib import Path
@@ -19,6 +19,7 @@ from ddmpi.mesh.mesh import MEASURE, Mesh, refuse_folded, signed_measures
 from ddmpi.mesh.refine import Sizes, halve, raise_order
 from ddmpi.mesh.shapes import SHAPES
 from ddmpi.scene.bodies import BodySpec
+from ddmpi.scene.dimension import FileKind
 from ddmpi.scene.given import GIVEN
 from ddmpi.scene.meshes import MeshSpec
 from ddmpi.scene.values import WHERE
@@ -177,7 +178,7 @@ def _refuse_huge(cells: float, names: str, key: str) -> None:
         )
 
 
-def kind_of_files(scene_path: str | Path) -> Callable[[BodySpec], tuple[int, int]]:
+def kind_of_files(scene_path: str | Path) -> FileKind:
     """The function that `read_scene` asks for dimension and order of a body's mesh file. It reads each file once.
 
     Drawings have no order, so 1. Not collective. The function raises InputError.

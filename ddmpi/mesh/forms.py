@@ -35,6 +35,9 @@ KINDS = {
 }
 """Words for kinds of faces and curves, by gmsh's own; a face or a curve of another kind is a face or a curve."""
 
+WHAT = "point", "curve", "face"
+"""Entities by dimension."""
+
 FREE = ("bspline surface", "bezier surface", "surface of extrusion", "surface of revolution")
 """Gmsh's kinds of faces that may be cylinders, as some CAD programs write them."""
 
@@ -151,15 +154,14 @@ def _refuse_missing(
     label: str,
 ) -> None:
     """Raise InputError where a name that is `wanted` is none of those of `_called`."""
-    kinds = ("point", "curve", "face")
     names = {name for name, _ in tagged}
     for missing in wanted:
         if missing not in names:
-            of = next((k for k in range(side) if missing.startswith(kinds[k])), side)
+            of = next((k for k in range(side) if missing.startswith(WHAT[k])), side)
             listed = "; ".join(
                 f"{name} {where(gmsh, k, tags[0])}" for (name, k), tags in tagged.items() if k == of
             )
-            raise InputError(f"{label} has no {kinds[of]} {missing!r}; it has {listed}")
+            raise InputError(f"{label} has no {WHAT[of]} {missing!r}; it has {listed}")
 
 
 def _face(gmsh, k: int, tag: int) -> Face:
@@ -187,7 +189,7 @@ def _kind(gmsh, k: int, tag: int) -> str:
         kind = "circle" if np.ptp(steps) < SAME_PLACE * steps.max() else kind
     if kind in FREE and _is_cylinder(gmsh, tag):
         kind = "cylinder"
-    return KINDS.get(kind, ("curve", "face")[k - 1])
+    return KINDS.get(kind, WHAT[k])
 
 
 def _is_cylinder(gmsh, tag: int) -> bool:
@@ -305,7 +307,7 @@ def _fits(gmsh, form: Form, side: int) -> Iterator[_Fit]:
     point = gmsh.model.occ.addPoint(*at)
     try:
         for _, tag in gmsh.model.getEntities(side):
-            unlike = form.kind not in (_kind(gmsh, side, tag), ("curve", "face")[side - 1])
+            unlike = form.kind not in (_kind(gmsh, side, tag), WHAT[side])
             radius = _radius(gmsh, side, tag)
             axis = _axis(gmsh, side, tag)
             other = bool(form.radius) and abs(form.radius - radius) > WITHIN * form.radius
@@ -323,7 +325,7 @@ def _fits(gmsh, form: Form, side: int) -> Iterator[_Fit]:
 def _find(gmsh, form: Form, name: str, label: str) -> list[int]:
     """The numbers of the curves or faces that are meant: one, or all around the axis of the point. Raises InputError."""
     side = gmsh.model.getDimension() - 1
-    what = ("curve", "face")[side - 1]
+    what = WHAT[side]
     size = extent(gmsh)
     if not gmsh.model.occ.getEntities(side):
         raise InputError(

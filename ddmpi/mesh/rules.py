@@ -31,11 +31,9 @@ def _collapsed(dimension: int) -> Rule:
     # Split off one coordinate at a time: λ_last → λ_last (1 − t), λ_last t. The Jacobian is t^(rest − 1), and the
     # factor `rest` makes the weights sum to one.
     for rest in range(dimension, 0, -1):
-        points, last, t = (
-            points[:, :-1].repeat(5, axis=0),
-            points[:, -1].repeat(5),
-            np.tile(at, len(points)),
-        )
+        t = np.tile(at, len(points))
+        last = points[:, -1].repeat(5)
+        points = points[:, :-1].repeat(5, axis=0)
         points = np.column_stack([points, last * (1.0 - t), last * t])
         weight = np.outer(weight, weights * rest * at ** (rest - 1)).ravel()
     return points, weight
