@@ -72,7 +72,7 @@ class Acts:
         if several or self.model.rubbing or (odd and self.model.friction):
             return True
         for card in odd:
-            self.notes.add("changed", card, "its amplitude counts at the end of the step")
+            self.notes.changed(card, "its amplitude counts at the end of the step")
         return False
 
     def factor(self, acting: Acting) -> Key:
@@ -144,7 +144,7 @@ class Acts:
             elif way is not None:
                 at[way][bool(value), history][place] = value * sign
             elif words := self._no_direction(node, component, value):
-                self.notes.add("lost", acting.card, words)
+                self.notes.lost(acting.card, words)
         for way, place in corners:  # that faces of those beside are held as a whole
             if way in at:
                 at[way][False, None][place] = 0.0
@@ -230,17 +230,13 @@ class Acts:
             if len(way) == 1:  # of a fluid at a node
                 at = way[0], 2
                 if at not in self.kinds["supports"]:
-                    self.notes.add(
-                        "lost", acting.card, f"a pressure that is not given at node {way[0]}"
-                    )
+                    self.notes.lost(acting.card, f"a pressure that is not given at node {way[0]}")
                     continue
                 acting = self.kinds["supports"][at]
                 way = ()
             if (element, face) not in self.where:
                 if acting.moves:
-                    self.notes.add(
-                        "lost", acting.card, "a pressure on a face that is not on a boundary"
-                    )
+                    self.notes.lost(acting.card, "a pressure on a face that is not on a boundary")
                 continue
             piece, facet = self.where[element, face]
             value, history = self.factor(acting)
@@ -256,19 +252,17 @@ class Acts:
         inside = fluid | self.home.keys() | model.bolt_nodes | self.rigid_nodes
         for (node, _), acting in self.kinds["forces"].items():
             if node not in inside and acting.moves:
-                self.notes.add("lost", acting.card, "a force at a node of no body")
+                self.notes.lost(acting.card, "a force at a node of no body")
         for (node, _), acting in self.kinds["supports"].items():
             if node not in inside and node in model.deck.points:
-                self.notes.add("changed", acting.card, "a support at a node of no body is left out")
+                self.notes.changed(acting.card, "a support at a node of no body is left out")
             elif node not in inside:
-                self.notes.add(
-                    "lost", acting.card, "a support at a node that the deck does not have"
-                )
+                self.notes.lost(acting.card, "a support at a node that the deck does not have")
 
     def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
         """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""
         if len(self.axes) == 2 and abs(vector[2]) > EXACT * np.abs(vector).max():
-            self.notes.add("lost", card, "a load out of the plane")
+            self.notes.lost(card, "a load out of the plane")
         return vector[: len(self.axes)]
 
     @cached_property
@@ -303,11 +297,10 @@ class Acts:
         for history, forces in by_history.items():
             patches, lost = piece.patches(np.array(sorted(forces)))
             for k in lost.tolist():
-                self.notes.add("lost", cards[k], "a force at a node that is not on the boundary")
+                self.notes.lost(cards[k], "a force at a node that is not on the boundary")
             for facets, nodes in patches:
                 some = np.array([forces[k] for k in nodes])
-                self.notes.add(
-                    "changed",
+                self.notes.changed(
                     cards[int(nodes[0])],
                     "forces at nodes are spread over "
                     "the faces around them, with the same resultant and moments",
@@ -358,12 +351,12 @@ class Acts:
             if not some or not value:
                 continue
             if some != own:
-                self.notes.add("lost", card, f"{label} on a part of a body")
+                self.notes.lost(card, f"{label} on a part of a body")
                 continue
             field = self._density(piece, label, card) * value * np.reshape(field, (4, 3))
             off = np.abs(field[[0, 2]]).max() > EXACT * np.abs(field).max()
             if label == "CENTRIF" and self.axisymmetric and off:
-                self.notes.add("lost", card, "a rotation about another axis than that of the body")
+                self.notes.lost(card, "a rotation about another axis than that of the body")
             flat = np.array([self._flat(card, row) for row in field[: 1 + d]])
             first, before = fields.get(history, (card, 0.0))
             fields[history] = first, before + flat
@@ -387,10 +380,10 @@ class Acts:
             name = self.model.sections[section][1]
             given = self.model.materials.get(name, {}).get("DENSITY")
             if given is None:
-                self.notes.add("lost", card, f"the material {name} has no *DENSITY")
+                self.notes.lost(card, f"the material {name} has no *DENSITY")
             densities.add(float(table(given, 1)[0][0, 0]) if given else 0.0)
         if len(densities) > 1:
-            self.notes.add("lost", card, f"{label} on a body with several densities")
+            self.notes.lost(card, f"{label} on a body with several densities")
         return densities.pop()
 
     def heat(self, piece: Piece) -> tuple[Any, dict[str, np.ndarray]]:
@@ -412,15 +405,12 @@ class Acts:
         words = f"no thermal strain of {piece.name}: its material has no *EXPANSION"
         for given, nodes in self.model.heated:
             if not nodes.isdisjoint(own):
-                self.notes.add(
-                    *(("taken", given, "temperature") if grows else ("changed", given, words))
-                )
+                note = self.notes.taken if grows else self.notes.changed
+                note(given, "temperature" if grows else words)
         if not grows:
             return None, {}
         if np.ptp(fields, axis=0).max() > KEEPS * np.abs(fields[0]).max():
-            self.notes.add(
-                "lost", card, "expansions of several materials that vary with the temperature"
-            )
+            self.notes.lost(card, "expansions of several materials that vary with the temperature")
         text = self._field(piece, fields[0], card)
         return (text if not history else {"value": text, "history": history}), expansions
 
@@ -454,7 +444,7 @@ class Acts:
         width = {"ISO": 1, "ORT": 3}.get(expansion.says("TYPE", "ISO")[:3], 6)
         values, at = table(expansion, width)
         if values[:, 3:].any():
-            self.notes.add("lost", expansion, "shear by heat")
+            self.notes.lost(expansion, "shear by heat")
         # the strain along all axes is that along one, times numbers that no temperature changes
         direct = values[:, :3]
         row, most = np.unravel_index(np.abs(direct).argmax(), direct.shape)
@@ -462,14 +452,12 @@ class Acts:
         along = direct[row] / largest * np.ones(3) if largest else np.ones(3)
         apart = np.abs(direct - direct[:, [most]] * along[:width]).max()
         if apart > KEEPS * abs(largest):
-            self.notes.add(
-                "lost",
+            self.notes.lost(
                 expansion,
                 "expansions by direction that change with the temperature in different ways",
             )
         if len(values) > 1:
-            self.notes.add(
-                "changed",
+            self.notes.changed(
                 expansion,
                 "the thermal strain of the table is folded into the expansion and the temperature",
             )
@@ -499,11 +487,9 @@ class Acts:
                     if abs(turn) * np.ptp(layers) > KEEPS * size
                 )
                 if len(text) <= 1000:
-                    self.notes.add(
-                        "changed", card, "temperatures are linear between layers of nodes"
-                    )
+                    self.notes.changed(card, "temperatures are linear between layers of nodes")
                     return text
-        self.notes.add("lost", card, "temperatures that are no linear function of place")
+        self.notes.lost(card, "temperatures that are no linear function of place")
         return 0.0
 
 

@@ -419,13 +419,21 @@ class Notes:
         self.entries = list[tuple[str, Card, str]]()
         self.cases = False  # whether it would help to import one step alone
 
-    def add(self, which: str, card: Card, reason: str) -> None:
-        """Note in a list what became of a keyword."""
-        self.entries.append((which, card, reason))
+    def taken(self, card: Card, reason: str) -> None:
+        """Note that a keyword is in the scene, and as what."""
+        self.entries.append(("taken", card, reason))
+
+    def changed(self, card: Card, reason: str) -> None:
+        """Note how a keyword is otherwise in the scene."""
+        self.entries.append(("changed", card, reason))
+
+    def lost(self, card: Card, reason: str) -> None:
+        """Note why a keyword, or a part of it, is not in the scene."""
+        self.entries.append(("lost", card, reason))
 
     def lost_between_steps(self, card: Card, reason: str) -> None:
         """Note what is lost as it changes from step to step in ways that a scene has not."""
-        self.add("lost", card, reason)
+        self.lost(card, reason)
         self.cases = True
 
     def words(self, which: str) -> list[str]:

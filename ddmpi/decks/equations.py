@@ -130,7 +130,8 @@ class Equations:
 
     def _tell(self, rows: Sequence[Row], reason: str, taken: str) -> None:
         for row in rows:
-            self.notes.add("lost" if reason else "taken", row.card, reason or taken)
+            note = self.notes.lost if reason else self.notes.taken
+            note(row.card, reason or taken)
 
     def _known(self, key: tuple[int, int]) -> bool:
         """Whether an equation has one node alone that its supports leave free; then it is a support of that one."""
@@ -151,7 +152,7 @@ class Equations:
             acting, c = moved[0] if moved else (_nothing(card, self.model), 0.0)
             course = tuple((time, 0.0 - c / size * value) for time, value in acting.course)
             self.supports[node, k] = Acting(card, course)
-        self.notes.add("taken", card, "clamps")
+        self.notes.taken(card, "clamps")
         del self.left[key]
         return True
 
@@ -173,7 +174,7 @@ class Equations:
             row = Row(card, (one, two), np.append(of[one], of[two]) / size)
             return [row._replace(given=given, c=float(-c / size)) for given, c in moved] or [row]
         if moving or any(k < 3 for _, k, _ in terms):  # all others are out of the plane
-            self.notes.add("lost", card, "an equation of several free displacements")
+            self.notes.lost(card, "an equation of several free displacements")
         return []
 
     def _as_one(self, rows: Sequence[Row], nodes: frozenset[int]) -> str:

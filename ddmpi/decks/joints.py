@@ -35,10 +35,10 @@ class Joints:
         """Note clearances of surfaces that are in no contact, and cyclic symmetries of no tie."""
         for wheel in self.model.wheels.values():
             if wheel not in self.turned:
-                self.notes.add("lost", wheel, "no *TIE with CYCLIC SYMMETRY has its name")
+                self.notes.lost(wheel, "no *TIE with CYCLIC SYMMETRY has its name")
         for clearance in self.model.clearances.values():
             if clearance not in self.cleared:
-                self.notes.add("lost", clearance, "no *CONTACT PAIR has these surfaces")
+                self.notes.lost(clearance, "no *CONTACT PAIR has these surfaces")
 
     def _again(self, card: Card, law: Entries, pair: Pair) -> bool:
         """Whether a contact of the same faces is there already, in either order. Those that share some of their faces
@@ -53,8 +53,8 @@ class Joints:
                 continue
             if others == sides and before == law:
                 return True
-            self.notes.add(
-                "lost", card, f"a contact beside that of line {other.line}, between the same faces"
+            self.notes.lost(
+                card, f"a contact beside that of line {other.line}, between the same faces"
             )
         self.met.append((card, law, sides))
         return False
@@ -64,8 +64,7 @@ class Joints:
         if self.deck.key("SURFACE", card.scope, name):
             ends = set(self.deck.ends(card, name))
             if inner := len(ends - self.acts.where.keys()):
-                self.notes.add(
-                    "changed",
+                self.notes.changed(
                     card,
                     f"faces of the surface {name} that are on no boundary ({inner}) are left out",
                 )
@@ -74,7 +73,7 @@ class Joints:
             raise card.error(f"there is no surface {name}")
         sides = self.acts.at(self.deck.chosen(card, "NODES", name))
         if not all(covered for *_, covered in sides):
-            self.notes.add("lost", card, f"the surface {name} has nodes without a whole face")
+            self.notes.lost(card, f"the surface {name} has nodes without a whole face")
         return [(piece, facets) for piece, facets, _ in sides if len(facets)]
 
     def contacts(self, card: Card, slave_surface: str, master_surface: str) -> Iterable[Entries]:
@@ -98,7 +97,7 @@ class Joints:
                 gap = self._adjusted(card, slave, slave.heights(on, master, against))
             yield contact | ({} if gap is None else {"gap": gap})
         if joined:
-            self.notes.add("taken", card, "bonded contact" if tied else "contact")
+            self.notes.taken(card, "bonded contact" if tied else "contact")
         if tied and not wheel:
             self._tell_gaps(card, slaves, joined)
 
@@ -131,7 +130,7 @@ class Joints:
         if clearance is None:
             return None
         self.cleared.append(clearance)
-        self.notes.add("taken", clearance, "gap")
+        self.notes.taken(clearance, "gap")
         return number(clearance.given["VALUE"])
 
     def _law(self, card: Card) -> Entries:
@@ -173,7 +172,7 @@ class Joints:
                     try:
                         Closure(**table)
                     except ValueError as error:
-                        self.notes.add("lost", card, str(error))
+                        self.notes.lost(card, str(error))
                     return table
         return None
 
@@ -190,17 +189,14 @@ class Joints:
         fresh = [not self._again(card, law, one) for one in found]
         own = {piece.name for piece, _ in slaves} & {piece.name for piece, _ in masters}
         if own and not found:
-            self.notes.add(
-                "lost", card, f"contact of {', '.join(sorted(own))} with itself by one surface"
-            )
+            self.notes.lost(card, f"contact of {', '.join(sorted(own))} with itself by one surface")
         elif not found:
-            self.notes.add(
-                "lost",
+            self.notes.lost(
                 card,
                 f"{card.rows and ' or '.join(card.rows[0][:2])} has no faces on a body",
             )
         if not all(fresh):
-            self.notes.add("changed", card, "a contact that is there already is one contact")
+            self.notes.changed(card, "a contact that is there already is one contact")
         return [one for one, new in zip(found, fresh, strict=True) if new]
 
     def _facing(
@@ -215,7 +211,7 @@ class Joints:
         ]
         if wheel:  # each flank is tied to the other one of its own body
             found = [one for one in found if one[0] is one[2]] or found
-            self.notes.add("taken", wheel, "a sector with an image of its flank")
+            self.notes.taken(wheel, "a sector with an image of its flank")
         return found
 
     def _adjusted(self, card: Card, slave: Piece, heights: np.ndarray) -> float | None:
@@ -224,12 +220,12 @@ class Joints:
         reach = number(word) if re.fullmatch(r"[\d.]+([ED][+-]?\d+)?", word) else np.nan
         near = heights <= max(reach, 1e-9 * float(np.ptp(slave.points, axis=0).max()))
         if near.all() and len(near):
-            self.notes.add("changed", card, "ADJUST: the surfaces touch, with a gap of 0")
+            self.notes.changed(card, "ADJUST: the surfaces touch, with a gap of 0")
             return 0.0
         if reach == 0.0 or (reach > 0.0 and not near.any()):
-            self.notes.add("changed", card, "ADJUST moves nothing: gaps are those of the mesh")
+            self.notes.changed(card, "ADJUST moves nothing: gaps are those of the mesh")
         else:
-            self.notes.add("lost", card, "ADJUST that moves some of the nodes only")
+            self.notes.lost(card, "ADJUST that moves some of the nodes only")
         return None
 
     def _tell_gaps(self, card: Card, slaves: Sequence[Side], joined: Sequence[Pair]) -> None:
@@ -248,13 +244,9 @@ class Joints:
             near = heights.min(initial=np.inf)
             far = heights.max(initial=0.0)
             if word and near > reach:
-                self.notes.add(
-                    "lost", card, f"a tie over a gap of {near:.3g}, beyond its tolerance"
-                )
+                self.notes.lost(card, f"a tie over a gap of {near:.3g}, beyond its tolerance")
             elif far > reach:
-                self.notes.add(
-                    "changed", card, f"nodes {far:.3g} apart, beyond its tolerance, are tied"
-                )
+                self.notes.changed(card, f"nodes {far:.3g} apart, beyond its tolerance, are tied")
 
     def bolts(self) -> Iterable[Entries]:
         """The bonded contacts at the sections of bolts, with the force of their reference nodes, or over a gap by which
@@ -268,7 +260,7 @@ class Joints:
                 if len(facets) and not any(piece is one for one, _ in sides)
             ]
             if reason := self._no_bolt(card, node, [*map(len, (sides, others))] == [1, 1]):
-                self.notes.add("lost", card, reason)
+                self.notes.lost(card, reason)
                 continue
             ((piece, facets),) = sides
             ((other, against),) = others
@@ -277,7 +269,7 @@ class Joints:
             yield bond | {"on": on} | self._pulled(card, node, piece.outward(facets))
             if len(around):
                 words = "the elements at the section are a body of their own, bonded to the others, which hang together"
-                self.notes.add("changed", card, f"{words} without it")
+                self.notes.changed(card, f"{words} without it")
                 layers = [(one, one.whole(one.within(around))) for one in (piece, other)]
                 yield bond | {"on": [one.group(facets, "layer") for one, facets in layers]}
 
@@ -292,9 +284,9 @@ class Joints:
         if card.rows and normal @ card.values()[: len(normal)] < 0.0:
             value = -value  # its normal points into the elements of the surface
         if not force:
-            self.notes.add("taken", card, "a bond over a gap")
+            self.notes.taken(card, "a bond over a gap")
             return {"gap": {"value": value} | later(history)}
-        self.notes.add("taken", card, "a bond with a pretension")
+        self.notes.taken(card, "a bond with a pretension")
         pull = {"force": value / self.acts.matter.depth, "along": normal.tolist()}
         return {"pretension": pull | later(history)}
 

@@ -58,7 +58,7 @@ class Matter:
         lines = [sections[j][4].line for j in before if [*sections[j][1:4]] != own]
         if lines:
             words = f"elements that line {', '.join(map(str, sorted(lines)))} gives another section"
-            self.notes.add("changed", card, f"{words} have this one, as in CalculiX")
+            self.notes.changed(card, f"{words} have this one, as in CalculiX")
 
     def sections(self, piece: Piece) -> dict[int, np.ndarray]:
         """The sections of a body, and their elements. Raises InputError for elements without one."""
@@ -144,9 +144,7 @@ class Matter:
         if len(values) > 1:
             order = np.argsort(at)
             row = np.array([np.interp(heat, at[order], column[order]) for column in values.T])
-            self.notes.add(
-                "changed", card, "moduli at the mean temperature of each element at the end"
-            )
+            self.notes.changed(card, "moduli at the mean temperature of each element at the end")
         if width == 2:
             E = float(row[0])
             nu = float(row[1])
@@ -154,7 +152,7 @@ class Matter:
                 return {"young": E, "poisson": nu}
             return self._orthotropic(np.repeat([E, nu, 0.5 * E / (1.0 + nu)], 3), axes, card)
         if width == 21:
-            self.notes.add("lost", card, "a material without planes of symmetry")
+            self.notes.lost(card, "a material without planes of symmetry")
             return {"young": 1.0, "poisson": 0.0}
         if not kind.startswith(
             "ENGINEERING"
@@ -179,6 +177,6 @@ class Matter:
         elif self.family != "CAX" and abs(axes[2, 2]) == 1.0:  # the third axis is z
             turned = {"angle": float(np.degrees(np.arctan2(axes[0, 1], axes[0, 0])))}
         elif not plain:
-            self.notes.add("lost", card, "axes of a material that turn from place to place")
+            self.notes.lost(card, "axes of a material that turn from place to place")
         shear = row[6:].tolist() if self.family == "C3D" else float(row[6])
         return {"young": row[:3].tolist(), "poisson": row[3:6].tolist(), "shear": shear} | turned

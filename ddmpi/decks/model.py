@@ -95,7 +95,7 @@ class Model:
                 raise InputError(f"--amplitude {text}: it has no *AMPLITUDE {name}")
             card = self._named[called(name)]
             self._named[called(name)] = card._replace(given={}, rows=[values.split(",")])
-            notes.add("changed", card, "its times and factors are those of --amplitude")
+            notes.changed(card, "its times and factors are those of --amplitude")
         self.orientations = {
             name: self._standing(card) for name, card in self._by_name("ORIENTATION").items()
         }
@@ -212,10 +212,10 @@ class Model:
                     self._follow(step, way)
             elif k > static[-1] and any(card.word in PERTURBATIONS for card in step):
                 words = "this step is left out, as are its loads and supports; the scene is that "
-                self.notes.add("changed", way, words + "of the *STATIC steps before")
+                self.notes.changed(way, words + "of the *STATIC steps before")
                 self.left_out |= {card.place for card in step}
             else:
-                self.notes.add("lost", way, "only *STATIC steps are computed")
+                self.notes.lost(way, "only *STATIC steps are computed")
         self.rigid_nodes = {node for rigid in self.rigid for node in (rigid.ref, rigid.turn)}
         self._tell_changes()
 
@@ -253,13 +253,12 @@ class Model:
             raise inside.error("the step that begins here does not end; is the deck cut off?")
         for card in early:
             if steps and card.place < steps[-1][0].place:
-                self.notes.add(
-                    "changed",
+                self.notes.changed(
                     card,
                     "it stands in no *STEP, and counts from the beginning of the next one",
                 )
             else:
-                self.notes.add("lost", card, "it stands after the last *STEP")
+                self.notes.lost(card, "it stands after the last *STEP")
         return steps
 
     def _tell_changes(self) -> None:
@@ -270,7 +269,7 @@ class Model:
         words = ": only the state at the end of the last step is computed"
         for card, what in self.changing:
             if forgets:
-                self.notes.add("changed", card, what + words)
+                self.notes.changed(card, what + words)
             else:
                 self.notes.lost_between_steps(card, what)
 
@@ -282,8 +281,8 @@ class Model:
             raise DeckError("the time of a step is not positive")
         if cards[0].says("NLGEOM", "NO") != "NO":
             self.large = True
-            self.notes.add(
-                "changed", cards[0], "warning: NLGEOM: displacements and strains are small here"
+            self.notes.changed(
+                cards[0], "warning: NLGEOM: displacements and strains are small here"
             )
         self._renewed = set()
         self._opened = {}
@@ -343,8 +342,7 @@ class Model:
         way = given.says("DEFINITION", "TABULAR")
         form = given.says("VALUE")
         if way != "TABULAR" or "USER" in given.given or form == "ABSOLUTE":
-            self.notes.add(
-                "lost",
+            self.notes.lost(
                 card,
                 f"the amplitude {name} is no table of factors; --amplitude {name}=0,0,1,1 "
                 "gives times and factors",
@@ -368,17 +366,17 @@ class Model:
         if self._coupling and card.word not in ("KINEMATIC", "DISTRIBUTING"):
             raise self._coupling.card.error("neither *KINEMATIC nor *DISTRIBUTING follows it")
         if card.word in WITHOUT_EFFECT:
-            self.notes.add("changed", card, f"left out: {WITHOUT_EFFECT[card.word]}")
+            self.notes.changed(card, f"left out: {WITHOUT_EFFECT[card.word]}")
         elif card.word in REFUSED:
-            self.notes.add("lost", card, f"{REFUSED[card.word]}: not possible")
+            self.notes.lost(card, f"{REFUSED[card.word]}: not possible")
             self._within = "CHANGED" if card.word.startswith("CHANGE") else self._within
         elif not self._known(card.word):
-            self.notes.add("lost", card, "this keyword is not known")
+            self.notes.lost(card, "this keyword is not known")
         elif method := self._method(card.word):
             with card.reading():
                 method(card)
             if card.word in TAKEN:
-                self.notes.add("taken", card, TAKEN[card.word])
+                self.notes.taken(card, TAKEN[card.word])
 
     def _method(self, word: str) -> Callable[[Card], None] | None:
         """What reads a keyword beyond meshes."""
@@ -419,13 +417,13 @@ class Model:
         self._keep(card, "SURFACE INTERACTION")
         law = card.says("PRESSURE-OVERCLOSURE", "HARD")
         if "NOSEPARATION" in card.given:
-            self.notes.add("lost", card, "contact that never opens")
+            self.notes.lost(card, "contact that never opens")
         elif law == "TIED":
-            self.notes.add("changed", card, "tied contact: bonded, without stiffness")
+            self.notes.changed(card, "tied contact: bonded, without stiffness")
         elif law in ("LINEAR", "TABULAR"):
-            self.notes.add("taken", card, "a soft joint, without tension")
+            self.notes.taken(card, "a soft joint, without tension")
         elif law != "HARD":
-            self.notes.add("changed", card, f"{law}: hard contact, the stiffness is dropped")
+            self.notes.changed(card, f"{law}: hard contact, the stiffness is dropped")
 
     def _on_friction(self, card: Card) -> None:
         if self._within != "CHANGEFRICTION":
@@ -433,12 +431,12 @@ class Model:
         if not card.rows or (coefficient := number(entry(card.rows[0], 0, "0"))) < 0.0:
             raise DeckError("it needs a coefficient of friction, which is not negative")
         if len(card.rows) > 1:
-            self.notes.add("lost", card, "friction other than Coulomb's with one coefficient")
+            self.notes.lost(card, "friction other than Coulomb's with one coefficient")
         if any(card.values()[1:2]):
-            self.notes.add("changed", card, "the stick slope is dropped: nodes stick without slip")
+            self.notes.changed(card, "the stick slope is dropped: nodes stick without slip")
         if self._within == "CHANGEFRICTION":
             self.rubbing[self._changed][len(self.ends)] = coefficient
-            self.notes.add("changed", card, "friction goes to this coefficient over the step")
+            self.notes.changed(card, "friction goes to this coefficient over the step")
 
     def _on_changefriction(self, card: Card) -> None:
         """The keyword after it gives what changes of an interaction, over this step."""
@@ -471,14 +469,14 @@ class Model:
 
     def _on_modelchange(self, card: Card) -> None:
         if card.says("TYPE") != "CONTACT PAIR" or "REMOVE" not in card.given:
-            return self.notes.add(
-                "lost", card, "parts that are removed or added, or contacts that are added"
+            return self.notes.lost(
+                card, "parts that are removed or added, or contacts that are added"
             )
         ends = [tuple(map(called, row[:2])) for row in card.rows]
         there = [tuple(map(called, pair[1:])) for pair in self.pairs]
         for end in ends:
             if end not in there:
-                self.notes.add("lost", card, f"there is no *CONTACT PAIR of {' and '.join(end)}")
+                self.notes.lost(card, f"there is no *CONTACT PAIR of {' and '.join(end)}")
         self.pairs = [pair for pair, end in zip(self.pairs, there, strict=True) if end not in ends]
         self.changing.append((card, "a contact that is removed"))
 
@@ -494,7 +492,7 @@ class Model:
 
     def _on_clearance(self, card: Card) -> None:
         if "VALUE" not in card.given:
-            self.notes.add("lost", card, "a clearance without one VALUE")
+            self.notes.lost(card, "a clearance without one VALUE")
         else:
             pair = frozenset((card.name_of("SLAVE"), card.name_of("MASTER")))
             other = self.clearances.setdefault(pair, card)
@@ -505,15 +503,13 @@ class Model:
         """OP=NEW, once a step, removes what acted before."""
         if card.says("OP") == "NEW" and kind not in self._renewed:
             if self._opened.get(kind):
-                self.notes.add(
-                    "lost",
+                self.notes.lost(
                     card,
                     f"OP=NEW after line {self._opened[kind].line} of this step, which has not",
                 )
             words = {acting.card.word for acting in self.kinds[kind].values()} | {card.word}
             if {"DLOAD", "DSLOAD"} <= words:
-                self.notes.add(
-                    "lost",
+                self.notes.lost(
                     card,
                     "OP=NEW beside *DLOAD and *DSLOAD, of which programs remove one or both",
                 )
@@ -527,8 +523,7 @@ class Model:
         other, before = self._fresh[kind].get(key, (card, 0.0))
         self._fresh[kind][key] = card, before + value
         if other.place != card.place:
-            self.notes.add(
-                "taken",
+            self.notes.taken(
                 card,
                 f"added to line {other.line} where places are the same, as in CalculiX",
             )
@@ -537,9 +532,7 @@ class Model:
             for one in (other, card)
         }
         if len(ways) > 1:
-            self.notes.add(
-                "lost", card, "a load beside another one of this step with another amplitude"
-            )
+            self.notes.lost(card, "a load beside another one of this step with another amplitude")
 
     def _on_boundary(self, card: Card) -> None:
         self._renew("supports", card)
@@ -548,14 +541,14 @@ class Model:
             self.locked |= dict.fromkeys(fixed, self.ends[-1])
             return
         if {"SUBMODEL", "USER", "FIXED"} & card.given.keys() or card.says("TYPE", "D")[0] != "D":
-            self.notes.add(
-                "lost", card, "displacements of another model, a routine, or of the step before"
+            self.notes.lost(
+                card, "displacements of another model, a routine, or of the step before"
             )
             return
         for row in card.rows:
             for node in self._nodes(card, row[0]):
                 self._hold(card, node, *held(row))
-        self.notes.add("taken", card, "clamps")
+        self.notes.taken(card, "clamps")
 
     def _hold(self, card: Card, node: int, components: Sequence[int], value: float) -> None:
         """A support of a node; the last one of a step counts."""
@@ -564,13 +557,13 @@ class Model:
             other, before = self._fresh["supports"].get((node, k), (card, value))
             if before != value and other.place >= self._since:
                 words = f"line {other.line} gives another displacement of the same nodes"
-                self.notes.add("changed", card, f"{words}; the last one counts, as in CalculiX")
+                self.notes.changed(card, f"{words}; the last one counts, as in CalculiX")
             self._fresh["supports"][node, k] = card, value
         if components[-1] > 6 or (components[-1] > most and value):
-            self.notes.add("lost", card, f"component {components[-1]} of the displacement")
+            self.notes.lost(card, f"component {components[-1]} of the displacement")
         elif components[0] > most:
-            self.notes.add(
-                "changed", card, "nodes of solids have no turns: components 4 to 6 have no effect"
+            self.notes.changed(
+                card, "nodes of solids have no turns: components 4 to 6 have no effect"
             )
 
     def _on_cload(self, card: Card) -> None:
@@ -580,9 +573,9 @@ class Model:
                 way = component(row[1])
                 if way > (6 if node in self._refs else 3):
                     if number(entry(row, 2, "0")):
-                        self.notes.add("lost", card, "moments at nodes")
+                        self.notes.lost(card, "moments at nodes")
                 elif node in self.bolt_nodes and way > 1 and number(row[2]):
-                    self.notes.add("lost", card, "a pre-tension has the component 1 alone")
+                    self.notes.lost(card, "a pre-tension has the component 1 alone")
                 else:
                     self._add("forces", (node, way), card, number(row[2]))
 
@@ -611,14 +604,14 @@ class Model:
                 words = "volume force"
                 self._body_force(card, what, label, values)
             else:
-                self.notes.add("lost", card, f"the load {label}")
+                self.notes.lost(card, f"the load {label}")
                 continue
             for element, face in ends:
                 if len(way) == 3 and before.get((element, face), way) != way:
                     words = "TRVEC in another direction than in the step before; OP=NEW would replace that"
-                    self.notes.add("lost", card, words)
+                    self.notes.lost(card, words)
                 self._add("pressures", (element, face, way), card, values[0])
-            self.notes.add("taken", card, words)
+            self.notes.taken(card, words)
 
     def _pulled(self) -> dict[End, tuple[float, ...]]:
         """The directions of TRVEC of the steps before, by element and face, unless OP=NEW ends them."""
@@ -641,7 +634,7 @@ class Model:
         acting = {} if "body_forces" in self._renewed else self.kinds["body_forces"]
         if any(one[:3] == key and one[3] != way and load.value for one, load in acting.items()):
             words = f"{label} adds to that of the step before, which has another direction or axis"
-            self.notes.add("changed", card, f"{words}, as in CalculiX; OP=NEW would replace it")
+            self.notes.changed(card, f"{words}, as in CalculiX; OP=NEW would replace it")
         self._add("body_forces", (*key, way), card, values[0])
 
     _on_dsload = _on_dload
@@ -657,7 +650,7 @@ class Model:
         ref = self.node(card, card.given["REFNODE"])
         turn = self.node(card, card.given.get("ROTNODE", card.given["REFNODE"]))
         if {"ELSET", "PINNSET", "ANALYTICALSURFACE"} & card.given.keys() or not nodes:
-            self.notes.add("lost", card, "rigid bodies that are no set of nodes")
+            self.notes.lost(card, "rigid bodies that are no set of nodes")
         else:
             self.rigid.append(Rigid(card, nodes, ref, turn))
 
@@ -679,7 +672,7 @@ class Model:
         self.rigid.append(nodes._replace(spread=spread))
         self._coupling = None
         if card.says("WEIGHTINGMETHOD", "UNIFORM") != "UNIFORM":
-            self.notes.add("lost", card, "weights that are not uniform")
+            self.notes.lost(card, "weights that are not uniform")
         ranges = [
             (integer(row[0]), integer(entry(row, 1, row[0])))
             for row in card.rows
@@ -688,7 +681,7 @@ class Model:
         if card.rows and not {1, 2, 3} <= {
             k for first, last in ranges for k in range(first, last + 1)
         }:
-            self.notes.add("lost", card, "a coupling of some components only")
+            self.notes.lost(card, "a coupling of some components only")
 
     _on_distributing = _on_kinematic
 
@@ -728,14 +721,14 @@ class Model:
             elif kind.upper() == "BEAM":
                 beams[self.node(card, others[0])] |= self._nodes(card, what)
             else:
-                self.notes.add("lost", card, f"{kind.upper()}: of these BEAM, PIN and TIE are read")
+                self.notes.lost(card, f"{kind.upper()}: of these BEAM, PIN and TIE are read")
         self.rigid += [Rigid(card, nodes, ref, ref) for ref, nodes in beams.items()]
         self._refs |= beams.keys()
 
     def _on_temperature(self, card: Card) -> None:
         self._renew("heat", card)
         if "FILE" in card.given or "USER" in card.given:
-            self.notes.add("lost", card, "temperatures of a file or a routine")
+            self.notes.lost(card, "temperatures of a file or a routine")
             return
         for row in card.rows:
             nodes = self._nodes(card, row[0])
@@ -744,7 +737,7 @@ class Model:
 
     def _on_initialconditions(self, card: Card) -> None:
         if card.says("TYPE") != "TEMPERATURE" or "FILE" in card.given:
-            self.notes.add("lost", card, f"initial {card.given['TYPE'].lower()}")
+            self.notes.lost(card, f"initial {card.given['TYPE'].lower()}")
             return
         for row in card.rows:
             self.start |= dict.fromkeys(self._nodes(card, row[0]), number(row[1]))

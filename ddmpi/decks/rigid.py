@@ -41,7 +41,7 @@ class RigidSets:
         for sets in by_node.values():
             reason = self._apart(sets) or self._join(sets)
             for one in sets if reason else ():
-                self.notes.add("lost", one.card, reason)
+                self.notes.lost(one.card, reason)
 
     def _apart(self, sets: Sequence[Rigid]) -> str:
         """Why sets with one reference node are not one rigid body of a scene; empty if they are."""
@@ -77,14 +77,11 @@ class RigidSets:
         words = "forces spread over a face" if rigid.spread else "a face that moves as a rigid one"
         together = f"{len(sets)} sets with one reference node are one rigid body, as in Abaqus"
         for one in sets:
-            self.notes.add("taken", one.card, words)
+            self.notes.taken(one.card, words)
             if len(sets) > 1 and one.turn == one.ref:
-                self.notes.add(
-                    "changed", one.card, f"{together}; CalculiX lets each turn by itself"
-                )
+                self.notes.changed(one.card, f"{together}; CalculiX lets each turn by itself")
         if rigid.spread and not sets[0].spread:
-            self.notes.add(
-                "changed",
+            self.notes.changed(
                 rigid.card,
                 "points alone hold nothing in a solid; the loads on them are spread over the faces around them",
             )
@@ -151,8 +148,8 @@ class RigidSets:
         if held[d:].any():
             return "its turns are given, and some of its displacements are free"
         if (given & (loads != 0.0)).any():
-            self.notes.add(
-                "changed", rigid.card, "forces along displacements that are given change nothing"
+            self.notes.changed(
+                rigid.card, "forces along displacements that are given change nothing"
             )
         loads = np.where(given, 0.0, loads)
         name = own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps])

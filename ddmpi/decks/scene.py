@@ -74,7 +74,7 @@ class Importer:
                 if name not in PARAMETERS.get(card.word, card.given) and not (
                     name == "PERTURBATION" and linear
                 ):
-                    self.notes.add("lost", card, f"its parameter {name} is not possible")
+                    self.notes.lost(card, f"its parameter {name} is not possible")
         self.cuts: list[Cut] = []
         self.family, blocks = self._elements()
         self.pieces = self._pieces(blocks)
@@ -92,9 +92,7 @@ class Importer:
             refuse_lost(block.entries, numbers)
         for card in self.model.bolts:
             if "SURFACE" not in card.given:
-                self.notes.add(
-                    "lost", card, "a pre-tension that is not of a section of solid elements"
-                )
+                self.notes.lost(card, "a pre-tension that is not of a section of solid elements")
                 continue
             ends = set(self.deck.ends(card, card.given["SURFACE"]))
             rows, section, around = cut(blocks, rows, ends, numbers, points)
@@ -113,15 +111,15 @@ class Importer:
         notes = self.notes
         families = defaultdict[str, list[Block]](list)
         for card in self.deck.odd:
-            notes.add("lost", card, f"elements of type {card.given.get('TYPE', '(none)')}")
+            notes.lost(card, f"elements of type {card.given.get('TYPE', '(none)')}")
         for block in self.deck.blocks:
             name = block.card.says("TYPE")
             fits = FAMILIES.match(name)
             if not fits or fits[3] not in VARIANTS:
-                notes.add("lost", block.card, f"elements of type {name}")
+                notes.lost(block.card, f"elements of type {name}")
                 continue
             families[fits[1]].append(block)
-            notes.add("taken", block.card, f"elements of type {name}")
+            notes.taken(block.card, f"elements of type {name}")
         if not families:
             raise InputError(
                 "it has no elements that a scene may have: C3D4 to C3D20, CPE, CPS and CAX"
@@ -146,7 +144,7 @@ class Importer:
                     f"{block.name}: an element of its body is not convex, so that all are cut",
                 ]
             for each in words:
-                self.notes.add("changed", block.card, each)
+                self.notes.changed(block.card, each)
         return found[0]
 
     def _in_scene(self, block: Block, kept: bool) -> tuple[str | None, list[str]]:
