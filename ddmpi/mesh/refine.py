@@ -211,23 +211,20 @@ def _of_parts(mesh: Mesh, number: int) -> Groups:
     }
 
 
-def simplices(
-    raw, d: int, points: np.ndarray, curved: bool = False
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All elements of dimension d, cut into simplices.
+Elements = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Corners of cells (n, c), the bends (n, e, ·) of their edges (m), and the elements (n,) that they are parts of, counted
+through all KINDS."""
 
-    Corners (n, d + 1), if `curved` the bends (n, e, ·) of their edges (m), and the elements that they are parts of,
-    counted through all KINDS.
-    """
-    cells = []
-    bows = []
-    element = []
+
+def simplices(raw, d: int, points: np.ndarray, curved: bool = False) -> Elements:
+    """All elements of dimension d, cut into simplices; with bends if `curved`."""
+    found = []
     before = 0
     rank = _ranks(raw, len(points))
     for kind in KINDS[d]:
         shape, corners, middles = _of_kind(raw, kind)
         parts = _cuts(points, corners, shape, rank[corners])
-        cells.append(np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1))
+        cells = np.take_along_axis(corners[:, None], parts, axis=2).reshape(-1, d + 1)
         bow = np.zeros((*parts.shape[:2], len(CELLS[d, 1].edges) * curved, points.shape[1]))
         if curved and kind != shape and len(corners):
             off = _bows(points, corners[:, np.array(SIDES[shape])], middles)
@@ -235,32 +232,32 @@ def simplices(
             between = np.einsum("ijs,nsc->nijc", _weights(shape, corners.shape[1]), off[bent])
             i, j = np.moveaxis(parts[bent][:, :, CELLS[d, 1].edges], -1, 0)
             bow[bent] = between[np.arange(len(bent))[:, None, None], i, j]
-        bows.append(bow.reshape(parts.shape[0] * parts.shape[1], *bow.shape[2:]))
-        element.append(before + np.repeat(np.arange(len(corners)), parts.shape[1]))
+        element = before + np.repeat(np.arange(len(corners)), parts.shape[1])
+        found.append((cells, bow.reshape(len(cells), *bow.shape[2:]), element))
         before += len(corners)
-    return np.concatenate(cells), np.concatenate(bows), np.concatenate(element)
+    return _joined(found)
 
 
-def bricks(
-    raw, d: int, points: np.ndarray, curved: bool = False
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def bricks(raw, d: int, points: np.ndarray, curved: bool = False) -> Elements:
     """The same as `simplices` gives, of the quadrilaterals or hexahedra of dimension d, or lines, uncut."""
     cell = BRICKS[d, 2]
     before = 0
-    cells = []
-    bows = []
-    element = []
+    found = []
     for kind in KINDS[d]:
         shape, corners, middles = _of_kind(raw, kind)
         if shape == cell.shape.kind:
             bow = np.zeros((len(corners), len(cell.between) * curved, points.shape[1]))
             if curved and kind != shape:
                 bow = _bows(points, corners[:, cell.between], middles)
-            cells.append(corners)
-            bows.append(bow)
-            element.append(before + np.arange(len(corners)))
+            found.append((corners, bow, before + np.arange(len(corners))))
         before += len(corners)
-    return np.concatenate(cells), np.concatenate(bows), np.concatenate(element)
+    return _joined(found)
+
+
+def _joined(found: list[Elements]) -> Elements:
+    """Those of all kinds."""
+    cells, bends, element = map(np.concatenate, zip(*found, strict=True))
+    return cells, bends, element
 
 
 def _bows(points: np.ndarray, ends: np.ndarray, middles: np.ndarray) -> np.ndarray:
