@@ -40,6 +40,10 @@ class Row(NamedTuple):
         return np.where(np.abs(self.v) > CLOSE, numbers.ravel(), -1)
 
 
+Difference = tuple[Acting | None, np.ndarray]
+"""The displacement g of a node that is given, if one is, and a (d,), of u¹ = Q u² + g a."""
+
+
 class Tie(NamedTuple):
     """What pairs of nodes say: u¹ = Q u² + g a with the displacement g of a node that is given, or that along one
     direction alone.
@@ -308,14 +312,14 @@ def _nothing(card: Card, model: Model) -> Acting:
     return Acting(card, ((model.ends[-1], 0.0),))
 
 
-def _difference(rows: Sequence[Row]) -> tuple[Acting | None, np.ndarray]:
+def _difference(rows: Sequence[Row]) -> Difference:
     """The displacement that is given of rows that say u¹ = Q u² + g a, if one is, and a (d,)."""
     A = np.array([row.v for row in rows])[:, : len(rows[0].v) // 2]
     given = next((row.given for row in rows if row.given), None)
     return given, np.linalg.pinv(A) @ [row.c for row in rows]
 
 
-def _alike(one: tuple[Acting | None, np.ndarray], other: tuple[Acting | None, np.ndarray]) -> bool:
+def _alike(one: Difference, other: Difference) -> bool:
     """Whether two differences are the same."""
     courses = [given and given.course for given, _ in (one, other)]
     size = max(np.abs(a).max() for _, a in (one, other))

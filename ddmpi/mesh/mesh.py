@@ -34,6 +34,10 @@ BLOCK = 2048
 """Number of curved cells per block of work, so that their data stay in the processor's cache."""
 
 
+Outer = tuple[np.ndarray, np.ndarray]
+"""The facets (f, l) of a boundary, turned outward, and their cells (f,)."""
+
+
 class Facets(NamedTuple):
     """A part of a body's boundary, such as a group.
 
@@ -148,12 +152,12 @@ class Mesh:
         return cells[self.cell.bends(self.points[self.triangles[cells]]).any(axis=(1, 2))]
 
     @cached_property
-    def _sides(self) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+    def _sides(self) -> tuple[Outer, np.ndarray]:
         alone, beside = _facets(self.triangles, self.dimension)
         return alone, connected(beside, len(self.triangles))
 
     @property
-    def boundary(self) -> tuple[np.ndarray, np.ndarray]:
+    def boundary(self) -> Outer:
         """`boundary_facets` of all cells."""
         return self._sides[0]
 
@@ -316,12 +320,12 @@ def bare(mesh: Mesh) -> Mesh:
     )
 
 
-def boundary_facets(cells: np.ndarray, dimension: int) -> tuple[np.ndarray, np.ndarray]:
+def boundary_facets(cells: np.ndarray, dimension: int) -> Outer:
     """The facets (f, l) that belong to only one of the cells (nt, k), turned outward, and their cells (f,)."""
     return _facets(cells, dimension)[0]
 
 
-def _facets(cells: np.ndarray, dimension: int) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+def _facets(cells: np.ndarray, dimension: int) -> tuple[Outer, np.ndarray]:
     """What `boundary_facets` gives, and the pairs (i, 2) of cells that have a facet in common."""
     cell = cell_with(cells.shape[1], dimension)
     facets = cells[:, cell.facets].reshape(-1, cell.facets.shape[1])

@@ -363,6 +363,10 @@ def both_sides(bodies: tuple[str, str]) -> str:
 Axis = Literal["x", "y", "z"]
 
 
+Facing = tuple[np.ndarray, np.ndarray]
+"""Unit normals (…, d) of a surface, and distances (…) along them (m)."""
+
+
 class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
     """A rigid surface, which bodies touch from one side. Subclasses are shapes; other rooms use their methods only.
 
@@ -489,7 +493,7 @@ class RigidSurface(Table, frozen=True, kw_only=True, tag_field="shape"):
             self, displacement=self.displacement or (0.0,) * dimension, free=free
         )
 
-    def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def facing(self, points: np.ndarray) -> Facing:
         """Unit normals (…, d), towards the bodies, at the nearest places to points (…, d), and the distances (…) along
         them (m), negative in the solid. A normal is zero where no place is nearest.
 
@@ -541,7 +545,7 @@ class Plane(RigidSurface, frozen=True, kw_only=True, tag="plane"):
         if not any(self.normal):
             raise ValueError("normal must not be zero; it points towards the bodies")
 
-    def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def facing(self, points: np.ndarray) -> Facing:
         normal = np.array(self.normal) / np.linalg.norm(self.normal)
         return np.zeros_like(points) + normal, (points - self.point) @ normal
 
@@ -578,7 +582,7 @@ class Round(RigidSurface, frozen=True, kw_only=True):
         """The part of vectors (…, d) orthogonal to the axis; without an axis the vectors."""
         return vectors
 
-    def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def facing(self, points: np.ndarray) -> Facing:
         away = self.away(points)
         sign = -1.0 if self.inside else 1.0
         distance = np.linalg.norm(away, axis=-1)
@@ -676,7 +680,7 @@ class Node(RigidSurface, frozen=True, kw_only=True, tag="node"):
 
     surface = False
 
-    def facing(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def facing(self, points: np.ndarray) -> Facing:
         return np.zeros_like(points), np.zeros(points.shape[:-1])
 
 
