@@ -67,11 +67,10 @@ NO_FORCE = 1e-6
 """Forces are compared with at least this fraction of those that would close the free gaps of half-planes, and of the
 loads on a loose body, whose resultant e may be rounding. Without any contact they are compared with these loads."""
 
-SPLIT, SOFTER, SOFTEST, NEARLY = 20.0, 1e-3, 1e-6, 1e-3
-"""Contacts at one node share a force in many ways, or where meshes nearly match in one way, with parts that are much
-larger than the force. Once nothing else changes, or misses the tolerance, any way is taken that leaves a residual of
-SPLIT times the tolerance; the certificate, which allows 50 times, judges the answer as any other. Where more is left,
-but less than NEARLY, the compliances that steer these parts get softer by SOFTER, down to SOFTEST."""
+SOFT, NEARLY = 1e-6, 1e-3
+"""Contacts at one node share a force in many ways, or where normals differ a little in one way, up to that in which one
+of them opens. The compliances that steer their parts let steps creep there. Once a step gains little, and less than
+NEARLY is left, they get softer by SOFT, and steps as much more precise: else errors of one close what the last opened."""
 
 
 class Iterate(NamedTuple):
@@ -84,7 +83,6 @@ class Iterate(NamedTuple):
     misfit : the norm of what is left of all equations (N); None where forces were moved and the gaps must follow
     error : the estimated error of the forces over the size
     guess : where the first step guesses the status of nodes, "warm" from forces before, else "rest"
-    splits : whether the last step has changed nothing but how contacts share the forces of nodes
     """
 
     point: Point
@@ -92,7 +90,6 @@ class Iterate(NamedTuple):
     misfit: float | None
     error: float = 0.0
     guess: str = ""
-    splits: bool = False
 
     @property
     def residual(self) -> float:
@@ -103,8 +100,7 @@ class Iterate(NamedTuple):
     def is_answer(self, tolerance: float) -> bool:
         """Whether residual and estimated error are small; guessed active sets may fit by chance."""
         guessed = self.guess and self.residual > 0.0
-        exact = self.residual <= tolerance and self.error <= ERROR * tolerance and not guessed
-        return exact or (self.splits and self.residual <= SPLIT * tolerance)
+        return self.residual <= tolerance and self.error <= ERROR * tolerance and not guessed
 
 
 class Newton(Outer):
@@ -277,6 +273,7 @@ class Newton(Outer):
         """
         stalled, smallest = 0, math.inf
         full_until, shared = 0 if of_path else self._full, 1.0
+        softens = not of_path and self.joint.space.any(self.preconditioner.shared)
         while True:
             at, end = self._judged(at, tolerance)
             if at.residual < PROGRESS * smallest:
@@ -288,36 +285,15 @@ class Newton(Outer):
                 return at, end
             residuals = [step.residual for step in self.history]
             precision = forcing(residuals, self.preconditioner.in_space)
-            by = of_path or Regularisation(shared=shared, forcing=precision)
+            by = of_path or Regularisation(shared=shared, forcing=precision * shared)
             full, before = not stalled and len(self.history) < full_until, at
             with event("NewtonStep"):
                 at = self._took(at, self._newton_step(at, by, stalled, full), by)
             if not self.history[-1].update:
                 stalled = patience  # the next step would be the same
-            at, soften = self._see_to_shares(before, at, tolerance)
-            if soften and shared > SOFTEST and not of_path:
-                shared *= SOFTER
+            if softens and PROGRESS * before.residual < at.residual < NEARLY:
                 # the parts may be large on the way, so that full steps gain nothing at first
-                stalled, full_until = 0, len(self.history) + PATIENCE
-
-    def _see_to_shares(
-        self, before: Iterate, at: Iterate, tolerance: float
-    ) -> tuple[Iterate, bool]:
-        """The iterate after a step, which knows whether this `splits` forces alone: nothing beside the shared nodes has
-        changed, nor misses the tolerance, and of shared forces counts what they do to gaps. And whether what steers
-        their parts has to get softer. Collective."""
-        space, c, point = self.joint.space, self.preconditioner.c, at.point
-        shared = self.preconditioner.shared > 0.0
-        slow = at.residual > PROGRESS * before.residual
-        if not (slow and space.any(shared)):
-            return at, False
-        forces, gaps = point.s - before.point.s, point.r - before.point.r
-        misfit = point.s - space.laws.project(point.s - c * point.r)
-        changed, missed = space.norms([np.where(shared, c * gaps, forces), ~shared * misfit])
-        missed = math.hypot(missed, norm(point.left))
-        allowed = SPLIT * tolerance
-        splits = changed <= allowed * at.size and missed <= tolerance * at.size
-        return at._replace(splits=splits), allowed < at.residual < NEARLY
+                softens, shared, stalled, full_until = False, SOFT, 0, len(self.history) + PATIENCE
 
     def _judged(self, at: Iterate, tolerance: float) -> tuple[Iterate, str]:
         """The iterate, with precise gaps if it is an answer, and why the iteration ends there. Collective."""
@@ -426,13 +402,15 @@ class Newton(Outer):
         """Go towards the forces that the active sets of the iterate imply, as far as it helps, or `full` steps.
         Collective."""
         model, change = self._modelled, None
-        if model and not by.precise and not stalled % 2:  # every other stalled step has no model
+        if (
+            model and by.shared == 1.0 and not by.precise and not stalled % 2
+        ):  # every other stalled step has no model
             change = model.step(at.point, at.residual, at.size, at.guess)
         if change is None:
             if model and model.rough:  # which may be why the model failed
                 at = self._look(at)
             change = self.direction(at.point, *self._linearised(at), by=by)
-        misfit, length = self._length(at, change, GROWTH if full else GAIN)
+        misfit, length = self._length(at, change, GROWTH / by.shared if full else GAIN)
         point = self.joint.soften(at.point.along(change, length))
         return Iterate(point, self._size(point.s), misfit)
 

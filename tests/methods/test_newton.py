@@ -10,7 +10,6 @@ import scipy.linalg
 import scipy.sparse as sparse
 from mpi4py import MPI
 from scenes import (
-    certified,
     joint_compliance,
     pinched_blocks,
     prepare_scene,
@@ -29,7 +28,7 @@ from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog, diagnose
 from ddmpi.methods.half_space import HalfSpace, Model
-from ddmpi.methods.newton import Iterate, Newton
+from ddmpi.methods.newton import Newton
 from ddmpi.methods.paths import InteriorPoints, Softening
 from ddmpi.scene.method import Method
 from ddmpi.surface.side import laplacian
@@ -583,35 +582,6 @@ def test_multigrid_takes_few_products_and_gives_the_same_forces():
     (exact, many), (found, few) = answers.values()
     assert np.abs(found - exact).max() <= 1e-6 * np.abs(exact).max()
     assert few <= 0.4 * many
-
-
-def test_only_shares_of_a_force_may_be_left_open():
-    """Two bonded blocks below a third one share the force of a node: nothing else may change, or miss the tolerance."""
-    bodies = [
-        rectangle("left", (0.0, 0.0), (1.0, 1.0), (4, 4), clamp=["bottom"]),
-        rectangle("right", (1.0, 0.0), (1.0, 1.0), (4, 4), clamp=["bottom"]),
-        rectangle("upper", (0.5, 1.0), (1.0, 1.0), (4, 4), clamp=[{"on": "left", "x": 0.0}]),
-    ]
-    bodies[2]["traction"] = [{"on": "top", "pressure": 1e6}]
-    contacts = [{"bodies": ["upper", name], "on": ["bottom", "top"]} for name in ("left", "right")]
-    contacts.append({"bodies": ["left", "right"], "on": ["right", "left"], "kind": "bonded"})
-    newton = certified({"body": bodies, "contact": contacts}).solved.solution.outer
-    point, shared = newton._at.point, newton.preconditioner.shared > 0.0
-    size, tolerance = newton._at.size, 1e-8
-    own = int(np.argmax(np.where(shared, 0.0, point.s)))  # a closed node that no other contact has
-    assert shared.any() and point.s[own] > 0.0
-
-    def splits(changed: np.ndarray, missed: np.ndarray) -> bool:
-        """After a step that changes these forces, with these gaps in the way of the laws."""
-        before = Iterate(point._replace(r=point.r + missed), size, 5.0 * tolerance * size)
-        after = before._replace(point=before.point._replace(s=point.s + changed))
-        return newton._see_to_shares(before, after, tolerance)[0].splits
-
-    nothing, at_own = np.zeros(len(point.s)), np.arange(len(point.s)) == own
-    share = np.where(shared, 1e-3 * size, 0.0)
-    assert splits(share, nothing)
-    assert not splits(share + 1e-3 * size * at_own, nothing)
-    assert not splits(share, 1e-6 * size / newton.preconditioner.c * at_own)
 
 
 def test_a_type_that_petsc_does_not_have_is_an_error():
