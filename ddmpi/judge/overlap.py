@@ -448,7 +448,7 @@ def _in_partner(
     motion: RigidMotion,
     rigid: Rigid,
     unit: str,
-    frame: Frame | None = None,
+    frame: Frame | None,
 ) -> str:
     """A warning where a body lies in a rigid partner, after its `motion`, between contact nodes or beside contacts.
 

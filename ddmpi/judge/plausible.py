@@ -351,7 +351,7 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
 def doubt_stress(
     assembly: Assembly,
     stresses: Mapping[str, np.ndarray | None],
-    edges: Mapping[str, list[Singular]] | None = None,
+    edges: Mapping[str, list[Singular]],
 ) -> list[str]:
     """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite, or in
     a thin cell. Collective.
@@ -361,12 +361,12 @@ def doubt_stress(
     stresses : (nt,) von Mises stresses (Pa) of this rank's bodies; None where they are not wanted
     edges : by body where those of its contacts are infinite, as of `doubt_edges`
     """
-    unit, edges = assembly.scene.units["stress"], edges or {}
+    unit = assembly.scene.units["stress"]
     of_rank = {
         body.spec.name: (
             float(sigma.max()),
             [
-                *_singular(body, sigma, unit, edges.get(body.spec.name, ())),
+                *_singular(body, sigma, unit, edges[body.spec.name]),
                 *_in_thin_cell(body, sigma, unit),
             ],
         )
