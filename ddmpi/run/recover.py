@@ -128,12 +128,13 @@ def forces_by_group(
     reactions = resultants(
         mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s))
     )
-    acting = added(
-        (group, {kind: factor * value for kind, value in entry.items()})
-        for history, factor in factors.items()
-        for group, entry in member.elasticity.pushes.get(history, {}).items()
-    )
-    if frame:
+    if not frame:
+        acting = added(
+            (group, {kind: factor * value for kind, value in entry.items()})
+            for history, factor in factors.items()
+            for group, entry in member.elasticity.pushes.get(history, {}).items()
+        )
+    else:
         acting = resultants(
             mesh,
             (
