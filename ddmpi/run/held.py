@@ -59,9 +59,6 @@ BESIDE = 0.5
 
 WITHOUT = " without any force"  # ends the words for a motion that nothing resists
 
-FOLLOWS = 1e-6
-"""Loads that change by more than this fraction of the most as frames move determine a motion."""
-
 
 class HeldMotion(NamedTuple):
     """A motion that is held.
@@ -164,7 +161,8 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
     def choose() -> tuple[np.ndarray, ...]:
         sums = [summed(parts, size) for parts in (by_sides, resisting, moving)]
         groups = touching()
-        basis, level = _chosen(groups, sums, joint.K, coarse)
+        owner = np.repeat(np.arange(len(bodies)), [body.basis.shape[1] for body in bodies])
+        basis, level = _chosen(groups, sums, joint.K, owner, coarse)
         turns = [
             turning(bodies, [body.basis @ v[joint.slices[body.name]] for body in bodies])
             for v in basis.T
@@ -184,11 +182,15 @@ def _chosen(
     groups: Sequence[np.ndarray],
     sums: Sequence[sparse.csr_matrix],
     K: sparse.csr_matrix,
+    owner: np.ndarray,
     coarse: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
     """`Held.basis` and `Held.coarse` of groups of motions, by the `sums` FᵀF of sides and of pairs, and DᵀD; and by
-    how loads change, K."""
+    how loads change, K, of bodies whose numbers `owner` (j,) has."""
     chosen, levels = [np.zeros((K.shape[0], 0))], [np.zeros(0, bool)]
+    entries, most = K.tocoo(), np.zeros(K.shape[0])
+    np.maximum.at(most, owner[entries.row], np.abs(entries.data))
+    loads = most[owner]
     for members in groups:
         own, F, D = (matrix[members][:, members].toarray() for matrix in sums)
         vectors, level = unresisted(own, D, coarse)
@@ -197,7 +199,9 @@ def _chosen(
         beside, sizes, _ = np.linalg.svd(by_pairs - vectors @ (vectors.T @ by_pairs))
         beside = beside[:, : len(sizes)][:, sizes > BESIDE]
         level |= rough and beside.size > 0
-        vectors = _dead(np.hstack([vectors, beside]), K[members][:, members].toarray())
+        changes = K[members][:, members].toarray()
+        errors = COARSE if level else RESISTED
+        vectors = _dead(np.hstack([vectors, beside]), changes, loads[members], errors)
         placed = np.zeros((K.shape[0], vectors.shape[1]))
         placed[members] = vectors
         chosen.append(placed)
@@ -258,14 +262,15 @@ def islands(
     return found
 
 
-def _dead(vectors: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Of the span of `vectors` (j, q), orthonormal columns, the part along which loads do not change, by K (j, j); each
-    with an entry 1 where the others have zeros."""
-    size = np.abs(K).max(initial=0.0)
-    if size and vectors.size:
-        _, values, turn = np.linalg.svd(K @ vectors)
-        vectors = vectors @ turn[values <= FOLLOWS * size].T
-    return told_apart(vectors.T).T
+def _dead(vectors: np.ndarray, K: np.ndarray, loads: np.ndarray, errors: float) -> np.ndarray:
+    """Of the span of `vectors` (j, q) the part along which loads do not change, by K (j, j), by more than the `errors` of
+    normals, beside the largest entries (j,) of K for the body of each motion: by less the mass centre of a mesh is off
+    its axis. Each with an entry 1 where the others have zeros."""
+    vectors = told_apart(vectors.T).T
+    sizes = loads @ np.abs(vectors)
+    scaled = vectors / np.sqrt(np.where(sizes > 0.0, sizes, 1.0))
+    _, values, turn = np.linalg.svd(scaled.T @ K @ scaled)
+    return told_apart((scaled @ turn[values <= errors].T).T).T
 
 
 def judge_held(

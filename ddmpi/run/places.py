@@ -29,6 +29,7 @@ from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Step, no_report
 from ddmpi.run.frames import began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
+from ddmpi.run.held import LEVERS
 from ddmpi.run.marks import Mark
 from ddmpi.run.recover import NOTHING
 from ddmpi.run.solve import Iteration, Solution
@@ -52,10 +53,6 @@ do not settle if PATIENCE passes in a row leave more than SHRINKS of the least s
 NEAR, DEPTH = 0.3, 3
 """Once α moves contacts by less than NEAR of what forces do, up to DEPTH passes before make the next motion of the
 frames, see `_mixed`. Earlier than that, bodies may leave each other."""
-
-BESIDE_TURNS = (
-    1e-6  # weight of the ways that bodies went, where the angles of held turns are put back
-)
 
 FARTHEST = 15.0  # largest turn of a frame in a pass (degrees)
 
@@ -279,13 +276,12 @@ class FarMarch(March):
         held, assembly, before = self.iteration.held.span, self.assembly, self._now.memory.freed
         if not held.size:
             return
-        gone, weights = np.zeros(len(held)), np.ones(len(held))
+        gone, turns = np.zeros(len(held)), np.ones(len(held), bool)
         for name, frame in assembly.free.items():
             at = assembly.joint.slices[name]
             gone[at] = frame.since(before[name], freed[name])
-            weights[at][: len(frame.axes)] = BESIDE_TURNS
-        back = np.linalg.lstsq(held * weights[:, None], -weights * gone, rcond=None)[0]
-        self.iteration.hold(held @ back)
+            turns[at][: len(frame.axes)] = False
+        self.iteration.hold(held @ put_back(held, gone, turns))
 
     def _count(self) -> None:
         """Have later passes count products on."""
@@ -392,6 +388,17 @@ def _mixed(changes: Sequence[tuple[np.ndarray, np.ndarray]], alpha: np.ndarray) 
     return alpha - np.linalg.lstsq(alphas.T, alpha, rcond=SAME)[0] @ (
         np.array([step for _, step in changes]) + alphas
     )
+
+
+def put_back(held: np.ndarray, gone: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """The amplitudes (q,) of `held` motions (j, q), orthonormal columns, that undo how far these have `gone` (j,): those
+    that turn bodies by their angles, entries `turns` (j,) bool, the others by their ways."""
+    U, values, V = np.linalg.svd(held[turns])
+    rank = int((values > LEVERS).sum())
+    back = -V[:rank].T @ (U[:, :rank].T @ gone[turns] / values[:rank])
+    way, rest = held[~turns], V[rank:].T
+    left = gone[~turns] + way @ back
+    return back - rest @ np.linalg.lstsq(way @ rest, left, rcond=None)[0]
 
 
 def _deepest(assembly: Assembly) -> dict[str, float]:

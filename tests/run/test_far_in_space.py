@@ -13,8 +13,11 @@ import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.body.stress import turned as stress_turned
 from ddmpi.body.stress import von_mises
+from ddmpi.judge.motions import RESISTED
 from ddmpi.results.histories import placed
 from ddmpi.results.tables import read_results
+from ddmpi.run import held
+from ddmpi.run.places import put_back
 from ddmpi.system.numbers import Frame
 
 box = functools.partial(solid_scenes.box, young=1000.0)
@@ -299,3 +302,79 @@ def test_solids_move_far_on_two_ranks(comm):
         many = ddmpi.solve(made, comm)
         if comm.rank == 0:
             assert forces(many) == pytest.approx(forces(ddmpi.solve(made, MPI.COMM_SELF)), abs=2e-4)
+
+
+def round_bar(around: int = 16, layers: int = 1) -> dict:
+    """The mesh of a bar of radius 1 along y from -0.5 to 0.5, of linear tetrahedra, whose axis is off their mass centre:
+    its nodes are not equally far apart."""
+    angles = 2.0 * np.pi / around * np.arange(around)
+    angles = angles + 0.02 * np.sin(angles)
+    section = np.vstack([[0.0, 0.0], np.column_stack([np.cos(angles), np.sin(angles)])])
+    heights = np.linspace(-0.5, 0.5, layers + 1)
+    points = np.array([[x, y, z] for y in heights for x, z in section])
+    first, second = 1 + np.arange(around), 1 + (1 + np.arange(around)) % around
+    cells, rim, apart = [], [], len(section)
+    for base in apart * np.arange(layers):
+        for pair in zip(first, second, strict=True):
+            a, b = sorted(base + np.array(pair))
+            low, top = base, base + apart
+            cells += [
+                [low, a, b, b + apart],
+                [low, a, a + apart, b + apart],
+                [low, top, a + apart, b + apart],
+            ]
+            rim += [[a, b, b + apart], [a, a + apart, b + apart]]
+    return {"points": points, "cells": np.array(cells), "groups": {"rim": np.array(rim)}}
+
+
+@pytest.mark.parametrize("moves", [[0.5, 1.0, 0.2], seldom([-2.0, 0.0, 0.0])])
+def test_a_bar_in_a_groove_goes_along_and_does_not_turn(moves):
+    """Nor does it shift along the groove, which moves past it: its mass centre, off its axis by facets, drives
+    it by less than normals are off. It turned by 10 degrees; both motions are held, and told."""
+    slope = 0.5**0.5
+    sides = {"left": -1.0, "right": 1.0}
+    scene = {
+        "time": {"points": [1.0, 2.0], "steps": 1, "motions": "far"},
+        "history": {"push": history(1.0, 2.0)},
+        "body": [{"name": "bar", "mesh": round_bar(), "material": {"young": 1000.0, "poisson": 0.3},
+                  "volume_force": [0.0, 0.0, -2.0]}],
+        "rigid": [{"name": name, "shape": "plane", "point": [sign * slope, 0.0, -slope],
+                   "normal": [-sign * slope, 0.0, slope], "motion": {"shift": moves, "history": "push"}}
+                  for name, sign in sides.items()],
+        "contact": [{"bodies": ["bar", name], "on": ["rim"]} for name in sides],
+    }  # fmt: skip
+    answer = certified(scene)
+    places = answer.solved.steps.places
+    first, last = (places[time].freed["bar"] for time in (1.0, 2.0))
+    assert last - first == pytest.approx([moves[0], 0.0, moves[2], 0.0, 0.0, 0.0], abs=2e-3)
+    assert abs(first[4]) < 1e-2
+    shift, turn = answer.summary["held_motions"]
+    assert (
+        "bar can move along y" in shift["motion"]
+        and "bar can turn about the axis" in turn["motion"]
+    )
+    assert 0.0 < turn["moment"] < 0.5 * turn["bound"] and not answer.summary["undetermined"]
+
+
+def test_held_motions_are_put_back_by_angles_and_by_ways():
+    """A part that was carried along stays in its angle, though it turns about an axis beside the middle of its nodes; a
+    shift that turns it by rounding goes back by its way."""
+    turns = np.repeat([False, True], 3)
+    turn, shift = (
+        np.array([0.1, 0.0, 0.0, 0.0, 1.0, 0.0]),
+        np.array([0.0, 1.0, 0.0, 1e-4, 0.0, 0.0]),
+    )
+    span = np.linalg.qr(np.array([turn + shift, shift]).T)[0]
+    gone = np.array([5.0, 0.3, 2.0, 1e-3, 0.02, 0.4])
+    back = span @ put_back(span, gone, turns)
+    assert back == pytest.approx(-0.02 * turn - 0.3 * shift, abs=1e-5)
+
+
+@pytest.mark.parametrize("off, dead", [(1e-4, True), (1e-2, False)])
+def test_a_mass_centre_off_its_axis_determines_a_turn(off, dead):
+    """By more than the error of normals, beside the loads of its own body, not those of a heavy one."""
+    K = np.diag([off, 0.0])
+    K[0, 1] = 1.0  # as the load moves along
+    K = 1e-3 * np.kron(np.diag([1.0, 0.0]), K) + 1e3 * np.kron(np.diag([0.0, 1.0]), K)
+    found = held._dead(np.eye(4)[:, [0]], K, np.repeat([1e-3, 1e3], 2), RESISTED)
+    assert found.shape == (4, int(dead))

@@ -44,7 +44,7 @@ CYCLES = "scenes/test_cycles.py"
 DENSE = "methods/test_dense.py"
 OUTLINES = "results/test_outlines.py"
 LEAN, FAR = "scenes/test_lean_steps.py", "run/test_far.py"
-FREE = "run/test_free_frames.py"
+FREE, SPACE = "run/test_free_frames.py", "run/test_far_in_space.py"
 ADAPTIVE = "scenes/test_load_steps.py::test_adaptive_steps_go_on_from_wherever_they_were"
 AT_FIRST = "scenes/test_load_steps.py::test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last"
 DISSIPATED = "interface/test_state.py"
@@ -4871,11 +4871,32 @@ MUTANTS = [
             "run/test_free_frames.py::test_turns_that_the_most_steps_do_not_resolve_are_told",
         ),
         (
+            "any change of loads determines a motion",
+            "run/held",
+            "turn[values <= errors]",
+            "turn[values <= 1e-9]",
+            f"{SPACE}::test_a_bar_in_a_groove_goes_along_and_does_not_turn",
+        ),
+        (
+            "loads change beside those of the heaviest body",
+            "run/held",
+            "sizes = loads @ np.abs(vectors)",
+            "sizes = loads.max() * np.abs(vectors).sum(axis=0)",
+            f"{SPACE}::test_a_mass_centre_off_its_axis_determines_a_turn",
+        ),
+        (
+            "shifts that turn by rounding go back by their angle",
+            "run/places",
+            "(values > LEVERS)",
+            "(values > 1e-9)",
+            f"{SPACE}::test_held_motions_are_put_back_by_angles_and_by_ways",
+        ),
+        (
             "held turns stay where passes left them",
             "run/places",
             "self._hold(freed)",
             "pass",
-            "run/test_free_frames.py::test_a_turn_that_nothing_resists_is_put_back",
+            f"{SPACE}::test_a_bar_in_a_groove_goes_along_and_does_not_turn",
         ),
         (
             "held motions of a linearisation move contacts",
