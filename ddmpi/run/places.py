@@ -347,16 +347,19 @@ class FarMarch(March):
         return float(self.assembly.space.add(np.array([joules]))[0])
 
     def _too_short(self) -> float:
-        """The part by which what sticks at the end of a step, in which sides that rub turn past each other by the angle θ,
-        has moved less than θ of a radius: by sin θ."""
-        scene, most = self.assembly.scene, 0.0
-        now, then = (mark.memory.frames(scene) for mark in (self._now, self._before))
-        for contact in self.assembly.contacts:
-            if contact.rubbing == (0.0, None):
-                continue
-            first, second = (now[name].after(then[name].undone) for name in contact.bodies)
-            most = max(most, norm(first.after(second.undone).turn))
-        return float(np.radians(most)) ** 2 / 6.0
+        """The part by which what sticks at the end of a step of this leg, in which sides turn past each other by the angle
+        θ, has moved less than θ of a radius: by sin θ. Collective."""
+        scene, log, most = self.assembly.scene, self.log, 0.0
+        bodies = {contact.name: contact.bodies for contact in self.assembly.contacts}
+        now = self._base.memory.frames(scene)
+        for step in log.steps:
+            if step["time"] > self._base.time:
+                then, now = now, log.places[step["time"]].frames
+                for name, contact in step["contacts"].items():
+                    first, second = (now[body].after(then[body].undone) for body in bodies[name])
+                    most = max(most, bool(contact["stick"]) * norm(first.after(second.undone).turn))
+        # other ranks do not know of all contacts
+        return self.assembly.world.bcast(float(np.radians(most)) ** 2 / 6.0)
 
     def _closing(self, s: np.ndarray) -> bool:
         """Nothing is known of gaps that close: rows are those of one step."""

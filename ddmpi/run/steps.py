@@ -508,7 +508,7 @@ class March:
         return [Doubt(words, "energy", excess)]
 
     def _too_short(self) -> float:
-        """The part of their way by which wheels roll too little, as their steps turn them by an angle. Not collective."""
+        """The part of their way by which wheels roll too little, as their steps turn them by an angle. Collective."""
         return 0.0
 
     @property

@@ -1,5 +1,7 @@
 """Frames that forces decide: loose bodies that roll, hinges, axles, dead loads on bodies that turn, no stability."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -11,6 +13,7 @@ import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.coupling.coarse import Driven
 from ddmpi.run import steps
+from ddmpi.run.places import FarMarch
 from ddmpi.scene.motions import Motion
 from ddmpi.system.numbers import Frame
 
@@ -247,6 +250,51 @@ def test_steps_that_are_not_given_are_small_enough_to_roll(rows, angle):
     places = answer.solved.steps.places
     gone = places[2.0].freed["wheel"] - places[1.0].freed["wheel"]
     assert gone[0] == pytest.approx(np.radians(angle), rel=3e-3)
+
+
+def test_a_wheel_that_slips_needs_no_steps_to_roll():
+    """A wheel that spins where its axle stands rubs by its whole turn: steps resolve its friction, not that it rolls, for
+    which it took 32 a leg."""
+    scene = rolls()
+    turn, free = scene["body"][0]["motion"]
+    scene["body"][0]["motion"] = [turn | {"turn": -360.0}, free | {"free": ["y"]}]
+    scene["time"]["tolerance"] = 0.1
+    answer = certified(scene)
+    assert len(answer.summary["steps"]) <= 10
+    assert answer.summary["energy"]["dissipated"] == pytest.approx(0.3 * 2.0 * np.pi, rel=0.11)
+    assert not any("time.tolerance" in warning for warning in answer.summary["warnings"])
+
+
+def test_steps_before_the_last_of_a_leg_roll():
+    """The largest angle by which sides turn past each other in a step of this leg at whose end some node sticks."""
+    angles, sticks = (
+        {0.5: 90.0, 1.0: 120.0, 1.5: 130.0, 2.0: 170.0},
+        {0.5: 1, 1.0: 1, 1.5: 3, 2.0: 0},
+    )
+    still = Frame.of((0.0, 0.0))
+    places = {
+        time: SimpleNamespace(frames={"wheel": Frame.of((time, 0.0), angle), "floor": still})
+        for time, angle in angles.items()
+    }
+    march = SimpleNamespace(
+        assembly=SimpleNamespace(
+            scene=None,
+            world=MPI.COMM_SELF,
+            contacts=[SimpleNamespace(name="tread", bodies=("wheel", "floor"))],
+        ),
+        _base=SimpleNamespace(
+            time=1.0, memory=SimpleNamespace(frames=lambda scene: places[1.0].frames)
+        ),
+        _before=SimpleNamespace(time=1.5),
+        log=SimpleNamespace(
+            places=places,
+            steps=[
+                {"time": time, "contacts": {"tread": {"stick": number}}}
+                for time, number in sticks.items()
+            ],
+        ),
+    )
+    assert FarMarch._too_short(march) == pytest.approx(np.radians(10.0) ** 2 / 6.0)
 
 
 @pytest.mark.parametrize(("most", "short"), [(2, "0.035"), (8, "0.0027")])

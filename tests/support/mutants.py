@@ -4859,8 +4859,8 @@ MUTANTS = [
         (
             "steps of any angle resolve rolling",
             "run/places",
-            "return float(np.radians(most)) ** 2 / 6.0",
-            "return 0.0",
+            "float(np.radians(most)) ** 2 / 6.0",
+            "0.0",
             "run/test_free_frames.py::test_steps_that_are_not_given_are_small_enough_to_roll",
         ),
         (
@@ -4890,6 +4890,20 @@ MUTANTS = [
             "(values > LEVERS)",
             "(values > 1e-9)",
             f"{SPACE}::test_held_motions_are_put_back_by_angles_and_by_ways",
+        ),
+        (
+            "what slips rolls",
+            "run/places",
+            "bool(contact['stick']) * norm(",
+            "norm(",
+            f"{FREE}::test_a_wheel_that_slips_needs_no_steps_to_roll",
+        ),
+        (
+            "only the last step of a leg rolls",
+            "run/places",
+            "if step['time'] > self._base.time:",
+            "if step['time'] > self._before.time:",
+            f"{FREE}::test_steps_before_the_last_of_a_leg_roll",
         ),
         (
             "held turns stay where passes left them",
