@@ -4779,6 +4779,13 @@ MUTANTS = [
             "judge/test_edges.py::test_a_notch_at_a_plane_of_symmetry_is_a_re_entrant_corner",
         ),
         (
+            "one thin cell among others has a stress that is poor",
+            "judge/plausible",
+            'if not (qualities(mesh, largest) < LIMIT["thin"]).all():',
+            'if not (qualities(mesh, largest) < LIMIT["thin"]).any():',
+            "judge/test_edges.py::test_the_largest_stress_in_a_sliver_is_told",
+        ),
+        (
             "a single node has a pressure",
             "judge/plausible",
             "(zone == k).sum() == 1",
