@@ -168,7 +168,7 @@ def seen_from(results: Results, behind: bool, **output: Any) -> Results:
 def _plan(results: Results, behind: bool = False) -> Plan:
     """A plan of all bodies, with rigid partners and room for arrows; from the opposite side `behind`."""
     results = seen_from(results, behind)
-    room = ARROW * np.ptp(results.points, axis=0).max() * np.eye(results.dimension)
+    room = ARROW * results.extent * np.eye(results.dimension)
     return Plan(
         results,
         np.vstack([results.points + step for step in (*room, *-room)]),

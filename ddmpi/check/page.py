@@ -24,7 +24,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.mesh.elements import normals
 from ddmpi.pictures.browser import RIBBON, Arrays, page_of, painted_on
 from ddmpi.pictures.moved import apart
-from ddmpi.pictures.views import View, in_space, sharp_edges
+from ddmpi.pictures.views import View, angles_of, in_space, sharp_edges
 from ddmpi.results.fields import linear_parts, owners
 from ddmpi.results.tables import Results
 from ddmpi.run.report import describe_gap
@@ -151,7 +151,7 @@ class _Scenery:
     def __init__(self, results: Results, bodies: Bodies, pieces: Sequence[Piece]) -> None:
         self._results = results
         self._view = View(results.points, _asked(results))
-        self.extent = float(np.ptp(results.points, axis=0).max())
+        self.extent = results.extent
         parts = []
         first = 0
         for k, (name, body) in enumerate(bodies.items()):
@@ -221,9 +221,7 @@ class _Scenery:
             "scale": 0.0,
             "low": low.tolist(),
             "high": high.tolist(),
-            "view": np.degrees(
-                [np.arctan2(eye[1], eye[0]), np.arcsin(np.clip(eye[2], -1.0, 1.0))]
-            ).tolist(),
+            "view": angles_of(eye),
             "shifts": _parted(results, self._view).tolist(),
         }
 

@@ -40,7 +40,7 @@ from ddmpi.results.summary import (
 from ddmpi.results.tables import read_results, read_summary, reading
 from ddmpi.scene.method import method_of
 from ddmpi.scene.reader import write_toml
-from ddmpi.sweep.table import read_table
+from ddmpi.sweep.table import read_table, varied
 from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_page
 from ddmpi.system.provenance import has_matplotlib
 
@@ -117,8 +117,7 @@ def _sweep(folder: Path) -> str:
         scene = json.loads((folder / SWEEP).read_text(encoding="utf-8"))["scene"]
     if not rows:
         raise InputError(f"{folder / TABLE}: has no cases; sweep … --gather writes it anew")
-    names = list(rows[0])
-    settings = names[1 : names.index("status")]
+    settings = varied(rows)
     certified = sum(row["status"] == "certified" for row in rows)
     warnings = [
         f"Case {_entry(row['case'])}: {row['warnings']}" for row in rows if row.get("warnings")

@@ -243,9 +243,7 @@ def draw_mechanism(results: Results, mechanism: dict[str, Any]) -> Any:
     fastest = max(
         [speed.max(), *(np.linalg.norm(motion.displacement) for motion in going.values())]
     )
-    step = min(
-        MECHANISM["moved"] * np.ptp(points, axis=0).max() / fastest, MECHANISM["turned"] / turning
-    )
+    step = min(MECHANISM["moved"] * results.extent / fastest, MECHANISM["turned"] / turning)
     moves = np.bincount(owner, speed > MECHANISM["at rest"] * fastest) > 0
     rigid = [*rigid_parts(results), *rigid_parts(results, step, going=going)]
     still, at = skin.extended(points), skin.extended(points + step * u)

@@ -21,7 +21,7 @@ from ddmpi.pictures.bodies import largest_of, sectors_of
 from ddmpi.pictures.moved import ABOVE, apart, covered, magnify, pressed
 from ddmpi.pictures.scales import pressure_ends, stress_end
 from ddmpi.pictures.script import view_template
-from ddmpi.pictures.views import Skin, View, in_space, sharp_edges
+from ddmpi.pictures.views import Skin, View, angles_of, in_space, sharp_edges
 from ddmpi.results.fields import by_kind, owners
 from ddmpi.results.histories import at_step, load_steps, placed
 from ddmpi.results.tables import Columns, Results, read_results, reading
@@ -263,9 +263,7 @@ class Scenery:
             "low": low.tolist(),
             "high": high.tolist(),
             "arrays": self.arrays.places,
-            "view": np.degrees(
-                [np.arctan2(eye[1], eye[0]), np.arcsin(np.clip(eye[2], -1.0, 1.0))]
-            ).tolist(),
+            "view": angles_of(eye),
             "shifts": [shifts.get(name, np.zeros(3)).tolist() for name in results.parts],
         }
 

@@ -45,7 +45,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     ``output.magnification`` gets it, up to FARTHEST. `largest` is a displacement of an earlier load step that F has to
     suit as well (m). Not collective.
     """
-    points, moved = results.points, magnitude(results.fields["displacement"])
+    moved = magnitude(results.fields["displacement"])
     owner = owners(results)
     names = list(results.summary["bodies"])
     contacts = results.scene["contact"]
@@ -66,7 +66,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
         # least squares: shifts of two bodies differ by the gaps of their contacts, weighted by their displacements
         # By the weights, the body that moves most shifts most.
         shifts = mobile[:, None] * (np.linalg.pinv(apart * mobile) @ distances)
-    extent, size = np.ptp(points, axis=0).max(), max(moved.max(), largest, np.abs(shifts).max())
+    extent, size = results.extent, max(moved.max(), largest, np.abs(shifts).max())
     limits = [
         limit
         for table, gap, shift in zip(tables, gaps, apart @ shifts, strict=True)
@@ -155,7 +155,7 @@ def rigid_parts(
         frame = where.get(rigid.name)
         if frame:
             touched, bodies = frame.undone.at(touched), frame.undone.at(bodies)
-        at = rigid.outline(touched, bodies, MARGIN * np.ptp(points, axis=0).max())
+        at = rigid.outline(touched, bodies, MARGIN * results.extent)
         at = frame.at(at) if frame else at
         if results.axisymmetric:
             # One line, which begins after the gap on the left of the axis.
@@ -231,7 +231,7 @@ def painted_by(
 ) -> Iterator[tuple[Surface, np.ndarray]]:
     """The surfaces of some contacts as they lie on either side, shifted with it; their pressures (n,) over `factor`."""
     view = View(results.points, results.output)
-    off = ABOVE * np.ptp(results.points, axis=0).max()
+    off = ABOVE * results.extent
     for contact in (each for each in results.scene["contact"] if each["name"] in names):
         points, _, outward, faces = covered(results, contact)
         pressure = np.nan_to_num(results.surfaces[contact["name"]]["pressure"]) / factor

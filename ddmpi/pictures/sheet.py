@@ -141,7 +141,7 @@ class Sheet:
         InputError where a cut meets no body."""
         self.view = View(results.points, results.output)
         self.place = self.view.place
-        self.size = float(np.ptp(results.points, axis=0).max())
+        self.size = results.extent
         self._pixels = pixels
         self._depth, self._origin, self._pixel = np.zeros((0, 0)), np.zeros(3), 1.0
         at = self.place(np.vstack([everything, *(surface.at for surface in rigid)]))[:, :2]

@@ -49,6 +49,12 @@ def _axes(angles: Sequence[float]) -> np.ndarray:
     return np.array([[-s, c, 0.0], [-c * high, -s * high, up], [c * up, s * up, high]])
 
 
+def angles_of(eye: np.ndarray) -> list[float]:
+    """The azimuth and elevation (degrees) of a unit vector (3,)."""
+    up = np.arcsin(np.clip(eye[2], -1.0, 1.0))
+    return np.degrees([np.arctan2(eye[1], eye[0]), up]).tolist()
+
+
 class View:
     """The direction of an orthogonal projection of bodies, and the plane that cuts them open.
 

@@ -394,6 +394,11 @@ class Results:
         """(nv, d) of all bodies (m)."""
         return self.fields["points"][:, : self.dimension]
 
+    @property
+    def extent(self) -> float:
+        """The longest side of the box around all bodies (m)."""
+        return float(np.ptp(self.points, axis=0).max())
+
     def displacement(self, scale: float = 1.0) -> np.ndarray:
         """(nv, d) times `scale` (m)."""
         return scale * self.fields["displacement"][:, : self.dimension]

@@ -11,7 +11,7 @@ from ddmpi.pictures.sheet import COLOURS, STYLE, save, start_drawing
 from ddmpi.results.summary import ROWS
 from ddmpi.results.tables import reading
 from ddmpi.sweep.cases import cut
-from ddmpi.sweep.table import find_column, read_outcome, read_table
+from ddmpi.sweep.table import find_column, read_outcome, read_table, varied
 from ddmpi.system.files import TABLE, write_atomically
 from ddmpi.system.provenance import identity
 
@@ -77,8 +77,7 @@ def draw_curves(rows: list[dict[str, Any]], result: str, key: str, summary: dict
 
     plot = f"{result}:{key}"
     points = _points(rows, result, key, plot)
-    names = list(rows[0])
-    others = _others(rows, names[1 : names.index("status")], key)
+    others = _others(rows, key)
     curves = _curves(points, others, plot)
     words = not all(_is_number(row[key]) for row in points)
     several = len(curves) > 1
@@ -145,10 +144,10 @@ def _short(value: Any) -> str:
     return f"{value:g}" if _is_number(value) else str(value)
 
 
-def _others(rows: list[dict[str, Any]], names: list[str], key: str) -> list[str]:
-    """The `names` that distinguish cases of one `key`; of keys that vary together the first."""
+def _others(rows: list[dict[str, Any]], key: str) -> list[str]:
+    """The varied keys that distinguish cases of one `key`; of keys that vary together the first."""
     patterns: dict[tuple[int, ...], str] = {}
-    for name in (key, *names):
+    for name in (key, *varied(rows)):
         first: dict[str, int] = {}  # the row in which a value comes first
         patterns.setdefault(
             tuple(first.setdefault(str(row[name]), k) for k, row in enumerate(rows)), name

@@ -219,6 +219,12 @@ def read_table(path: Path) -> list[dict[str, Any]]:
         return [{name: _number(text) for name, text in row.items()} for row in csv.DictReader(file)]
 
 
+def varied(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """The varied keys, by the rows of a table."""
+    names = list(rows[0])
+    return names[1 : names.index("status")]
+
+
 def to_xarray(folder: str | Path) -> Any:
     """The table of a sweep as a `xarray.Dataset`, a variable for each column of numbers, NaN where a case has none.
 
@@ -232,8 +238,7 @@ def to_xarray(folder: str | Path) -> Any:
 
 def as_variables(rows: Sequence[dict[str, Any]]) -> tuple[dict[str, Any], dict[str, Any]]:
     """Variables and coordinates of the rows of a table, by name with their dimensions and arrays."""
-    names = list(rows[0])
-    settings = names[1 : names.index("status")]
+    names, settings = list(rows[0]), varied(rows)
     columns = {name: [row[name] for row in rows] for name in names}
     values = {key: list(dict.fromkeys(columns[key])) for key in settings}
     cells = [tuple(values[key].index(row[key]) for key in settings) for row in rows]
