@@ -235,7 +235,7 @@ class _Scaled:
     ) -> None:
         self.moving, self._multiply, self._whole = moving, multiply, np.zeros(qp.C.size)
         self._change = norm(Cs - qp.d)  # a step changes C s by about the gradient
-        self._norm = qp.C.norm()
+        self._C, self._norm = qp.C, qp.C.norm()
         self.displacement = max(norm(qp.d), norm(Cs)) or 1.0
         self.force = self.displacement / self._norm
         whole = qp.constraints
@@ -294,11 +294,9 @@ class _Scaled:
 class _Explicit(_Scaled):
     """A scaled QP with a dense Hessian and finite bounds, as interior-point methods need it."""
 
-    def __init__(
-        self, qp: QP, moving: np.ndarray, s: np.ndarray, Cs: np.ndarray, multiply: Product
-    ) -> None:
-        super().__init__(qp, moving, s, Cs, multiply)
-        self._matrix = qp.C.dense()[np.ix_(moving, moving)] / self._norm
+    @cached_property
+    def _matrix(self) -> np.ndarray:
+        return self._C.dense()[np.ix_(self.moving, self.moving)] / self._norm
 
     def vectors(self) -> tuple[PETSc.Vec, PETSc.Vec, PETSc.Vec]:
         """As of `_Scaled`, but with finite bounds in place of infinite ones, beyond which no point is better than the

@@ -5613,8 +5613,8 @@ MUTANTS = [
         (
             "an explicit Hessian has the square of its norm",
             "published/tao",
-            "qp.C.dense()[np.ix_(moving, moving)] / self._norm",
-            "qp.C.dense()[np.ix_(moving, moving)] * self._norm",
+            "self._C.dense()[np.ix_(self.moving, self.moving)] / self._norm",
+            "self._C.dense()[np.ix_(self.moving, self.moving)] * self._norm",
             "published/test_qp_types.py::test_types_reach_the_same_answer[bqpip-contact]",
         ),
         (
