@@ -139,7 +139,11 @@ def _fitted(
         fitted = unit(
             np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
         )
-    normals[nodes] = fitted
+    # across a strip of very short facets fits may lean at will: no surface leans more than the facets around do
+    among = np.einsum("pd,pd->p", normal[near.indices[place]], normal[nodes[row]])
+    least = np.minimum.reduceat(among, np.searchsorted(row, np.arange(len(nodes))))
+    leans = np.einsum("nd,nd->n", fitted, normal[nodes]) < least - ALIKE
+    normals[nodes] = np.where(leans[:, None], normal[nodes], fitted)
     return normals
 
 

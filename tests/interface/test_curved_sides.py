@@ -171,6 +171,21 @@ def test_normals_of_a_strip_are_those_of_its_cylinder(made, sides):
     assert off[0] < 0.7 * (1.5 / sides) ** 2 and off[0] < 4.0 * off[1]
 
 
+@pytest.mark.parametrize("shear", [0.0, -1.0])
+@pytest.mark.parametrize("aspect", [1e-2, 1e-3, 1e-4])
+@pytest.mark.parametrize("sides", [6, 12, 40])
+def test_normals_of_a_strip_lean_no_more_than_its_facets(sides, aspect, shear):
+    """Across a strip that is `aspect` of a facet wide, sheared by a facet or not, rounding and higher terms of a fit
+    count as slopes; its normals are at most as far from radial as facets at their corners. They were off by 57 degrees."""
+    mesh, arc = solids.grid((1, sides, 1)), np.pi / 2.0 / sides
+    radius, angle, z = mesh.points.T * [[0.3], [np.pi / 2.0], [1.0]]
+    angle = angle + shear * arc * z
+    points = [(0.7 + radius) * np.cos(angle), (0.7 + radius) * np.sin(angle), aspect * arc * z]
+    wall = side(Mesh(np.stack(points, axis=1), mesh.triangles, mesh.groups), "right")
+    radial = unit((wall.xy[wall.simplices] * [1.0, 1.0, 0.0]).reshape(-1, 3))
+    assert np.linalg.norm(wall.fans.reshape(-1, 3) - radial, axis=1).max() < 0.501 * arc
+
+
 @pytest.mark.parametrize("rows", [1, 2, 8])
 @pytest.mark.parametrize("aspect", [0.05, 1.0, 5.0, 30.0])
 def test_normals_of_a_cylinder_do_not_depend_on_its_axis_and_slender_facets(rows, aspect):
