@@ -284,7 +284,7 @@ def middles(results: Results) -> list[np.ndarray]:
     for k in range(owner.max() + 1):
         nodes = results.points[owner == k]
         depth = cKDTree(results.points[edge[owner[edge] == k]]).query(nodes)[0]
-        off = np.linalg.norm(nodes - (nodes.max(axis=0) + nodes.min(axis=0)) / 2, axis=1)
+        off = magnitude(nodes - (nodes.max(axis=0) + nodes.min(axis=0)) / 2)
         places.append(nodes[np.argmin(np.where(depth >= 0.8 * depth.max(), off, np.inf))])
     return places
 

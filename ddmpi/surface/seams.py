@@ -96,7 +96,7 @@ class Skin:
     def __init__(self, points: np.ndarray, facets: np.ndarray) -> None:
         self.points, self.facets, self.ends = points, facets, points[facets]
         self.normal = unit(normals(self.ends))
-        sides = np.linalg.norm(self.ends - np.roll(self.ends, 1, axis=1), axis=2).min(axis=1)
+        sides = magnitude(self.ends - np.roll(self.ends, 1, axis=1)).min(axis=1)
         rounding = SINGLE * magnitude(self.ends).max()
         self.close = np.clip(rounding, SAME * sides, WIDE * sides)
         self._pairs = np.triu_indices(facets.shape[1], 1)
