@@ -53,9 +53,10 @@ PATHS: tuple[Callable[[Joint, np.ndarray, float], Path], ...] = InteriorPoints, 
 """The paths in the order in which they are tried with loose bodies. Without loose bodies the reversed order takes
 half the steps."""
 
-FULL_STEPS, GROWTH = 12, 3.0
+FULL_STEPS, GIVEN_STEPS, GROWTH = 12, 3, 3.0
 """The first FULL_STEPS steps in space skip the line search unless the residual grows by GROWTH: while friction turns, a
-line search takes a quarter more steps. With a model of the compliance no step does."""
+line search takes a quarter more steps. In the plane without Coulomb friction the first GIVEN_STEPS skip it, as full
+steps seldom cycle there. With a model of the compliance no step does."""
 
 ERROR = 10.0
 """The forces have converged when their estimated error is below this times the tolerance."""
@@ -140,7 +141,9 @@ class Newton(Outer):
         self.hopeless: Callable[[], bool] = lambda: False
         self.refined, self.nothing = False, 0.0
         self.preconditioner = preconditioner or Preconditioner(joint)
-        self._full = FULL_STEPS if self.preconditioner.in_space else 0
+        in_space, laws = self.preconditioner.in_space, joint.space.laws
+        coulomb = joint.space.largest(np.array([laws.largest_slope])) > 0.0
+        self._full = FULL_STEPS if in_space else 0 if coulomb else GIVEN_STEPS
         self._modelled: Modelled | None = None
         if joint.dear:
             model = Newton(Model(joint), MODEL_STEPS, preconditioner=self.preconditioner)
