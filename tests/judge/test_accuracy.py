@@ -36,8 +36,6 @@ from ddmpi.run.solve import solve
 from ddmpi.scene.method import PRESETS
 from ddmpi.scene.reader import read_scene
 
-pytestmark = pytest.mark.slow
-
 PUNCH = "configs/punch.toml"
 two_ranks = pytest.mark.mpi(ranks=2)
 
@@ -63,6 +61,7 @@ def scene_of(made: dict, *settings: str):
 # How fine
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.5, 1.0, 2.0])
 def test_the_rate_that_was_seen_leads_to_the_target(rate):
     """Errors that fall exactly with a power of the refinement: the third mesh meets the target, and hardly more."""
@@ -77,6 +76,7 @@ def test_the_rate_that_was_seen_leads_to_the_target(rate):
     assert level(found).error <= 0.1 * 6**-rate
 
 
+@pytest.mark.slow
 def test_refined_scene_has_finer_meshes_and_nothing_else():
     """Refinement changes the meshes of a scene and nothing else."""
     scene = scene_of(pinched_blocks(6))
@@ -97,6 +97,7 @@ def square(order: int = 1, sides: int = 10):
     return build_mesh(scene_of(pinched_blocks(sides), f"body.0.mesh.order={order}").body[0])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 def test_equal_errors_ask_for_equal_sizes(order):
     """Where all elements have the same error, a third of it takes sizes that are smaller by the order's rate."""
@@ -122,6 +123,7 @@ def drawn_ladder(*settings: str, done: bool = True) -> tuple[MeshLadder, dict]:
     return ladder, {"roller": (mesh, squares)}
 
 
+@pytest.mark.slow
 def test_ladder_of_drawn_meshes():
     """Drawn meshes have as many unknowns as their errors take; shapes beside them are finer by a whole number."""
     ladder, _ = drawn_ladder()
@@ -145,6 +147,7 @@ def test_ladder_of_drawn_meshes():
     )  # coarse meshes do not say how fine the last one must be
 
 
+@pytest.mark.slow
 def test_ladder_of_drawn_meshes_is_restored(tmp_path):
     """The sizes of drawn meshes are kept in a checkpoint, those of the last certified answer, too."""
     from ddmpi.results.checkpoint import read, write
@@ -180,6 +183,7 @@ def test_drawn_meshes_do_not_exceed_the_most_unknowns():
     assert "method.max_unknowns = 2000" in ladder.missed
 
 
+@pytest.mark.slow
 def test_a_drawn_roller_meets_its_target(tmp_path):
     """1 % on the shipped roller, from geometries: few meshes of few unknowns, Hertz's pressure and width to 1 %."""
     done = run_here("configs/roller.toml", tmp_path / "out", "--no-figures")
@@ -276,6 +280,7 @@ def test_a_target_makes_the_triangles_of_a_file_quadratic():
     assert {body.mesh.order for body in scene.body} == {2} and "straight" in scene.aimed
 
 
+@pytest.mark.slow
 def test_linear_elements_with_a_large_error_hear_what_quadratic_ones_cost(tmp_path):
     """Their unknowns on the same cells; quadratic elements hear nothing, nor do linear ones with a small error."""
     path = write_scene(pinched_blocks(4), tmp_path / "scene.toml")
@@ -299,6 +304,7 @@ def test_linear_elements_with_a_large_error_hear_what_quadratic_ones_cost(tmp_pa
     assert "mesh.order" not in quadratic.output
 
 
+@pytest.mark.slow
 def test_quadratic_unknowns_in_space_are_counted_without_edges():
     """By Euler's formula, on bodies without holes."""
     counts = [certified(two_boxes(2, order=k)).summary for k in (1, 2)]
@@ -313,6 +319,7 @@ def test_the_published_iteration_stops_later_for_a_target():
     assert found.tolerance == pytest.approx(5e-5)
 
 
+@pytest.mark.slow
 def test_the_tolerance_follows_the_target_unless_it_is_named():
     """The iteration stops at a hundredth of the target."""
     bare = pinched_blocks(6) | {"method": {}}
@@ -323,6 +330,7 @@ def test_the_tolerance_follows_the_target_unless_it_is_named():
     assert scene_of(bare).method.tolerance == 1e-8
 
 
+@pytest.mark.slow
 def test_presets_fill_in_what_is_left_out():
     """A preset fills in order, tolerance and target, but no key that the scene names."""
     bare = pinched_blocks(6) | {"method": {}}
@@ -355,6 +363,7 @@ def test_a_preset_asks_no_target_of_meshes_that_are_given():
 # Runs
 
 
+@pytest.mark.slow
 def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     """Where linear triangles lock, the estimated error is null, not 0.14, and a warning says what would be right."""
     scene = pinched_blocks(6) | {"output": {"error": True}}
@@ -390,6 +399,7 @@ def test_linear_triangles_that_lock_have_no_estimate(tmp_path):
     assert beside_clamps(quadratic.summary["warnings"]) == []
 
 
+@pytest.mark.slow
 def test_target_is_met_and_told(tmp_path):
     """A run refines until the estimate meets the target, and reports every mesh; nodes that pair off go on so."""
     scene = linear(pinched_blocks(6)) | {
@@ -413,6 +423,7 @@ def test_target_is_met_and_told(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_target_out_of_reach_is_an_error_with_results(tmp_path):
     """A run that cannot meet its target ends with code 3, the reason, and results."""
     scene = pinched_blocks(6) | {
@@ -428,6 +439,7 @@ def test_target_out_of_reach_is_an_error_with_results(tmp_path):
     assert reason in done.summary["reason"]
 
 
+@pytest.mark.slow
 def test_the_last_certified_answer_survives_a_finer_mesh(tmp_path):
     """Where a finer mesh has no certified answer, the results are those of the last mesh that has one."""
     scene = linear(pinched_blocks(6)) | {"method": {}, "output": {"figures": False}}
@@ -455,6 +467,7 @@ def test_the_last_certified_answer_survives_a_finer_mesh(tmp_path):
     assert max(told["certificate"].values()) <= told["certificate_limit"]
 
 
+@pytest.mark.slow
 @two_ranks
 @pytest.mark.parametrize("failure", [InputError, SolverError])
 def test_errors_on_a_finer_mesh_leave_the_last_certified_answer(
@@ -487,6 +500,7 @@ def test_errors_on_a_finer_mesh_leave_the_last_certified_answer(
     comm.barrier()
 
 
+@pytest.mark.slow
 def test_a_ladder_that_went_back_stays_there():
     """A run that is interrupted after it went back to a coarser mesh goes on with that mesh and its reason."""
     ladder = MeshLadder(scene_of(pinched_blocks(6), "method.target_error=0.01"))
@@ -500,6 +514,7 @@ def test_a_ladder_that_went_back_stays_there():
     assert not again.fall_back("twice")
 
 
+@pytest.mark.slow
 def test_given_meshes_are_refined_on_request_only(tmp_path):
     """Meshes of files are refined only with mesh.refine = "as needed"."""
     given = run_here(
@@ -520,6 +535,7 @@ def test_given_meshes_are_refined_on_request_only(tmp_path):
     assert allowed.summary["scene"]["body"][0]["mesh"]["refine"] > 0
 
 
+@pytest.mark.slow
 def test_the_iteration_leaves_a_small_part_of_the_discretization_error():
     """Against the iteration run to 1e-12 on the same mesh: a tenth of the estimate, or much less."""
     assembly = prepare_scene(MPI.COMM_SELF, pinched_blocks(12) | {"method": {"target_error": 0.1}})

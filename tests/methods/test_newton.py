@@ -33,8 +33,6 @@ from ddmpi.methods.paths import InteriorPoints, Softening
 from ddmpi.scene.method import Method
 from ddmpi.surface.side import laplacian
 
-pytestmark = pytest.mark.slow
-
 MODULUS = 3e11
 
 
@@ -112,6 +110,7 @@ def columns(operator, size: int) -> np.ndarray:
     return np.column_stack([operator.mult(unit) for unit in np.eye(size)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [1e-9, 1e6])
 @pytest.mark.parametrize(
     ("x", "sliding", "dropped"),
@@ -196,6 +195,7 @@ def test_interfaces_do_not_see_each_other_in_the_preconditioner():
     assert both == pytest.approx(alone, rel=0.0, abs=1e-13 * np.abs(alone).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 def test_preconditioned_compliance_is_well_conditioned_at_every_h_and_contrast(comm, order):
     for contrast in (1.0, 1e4):
@@ -216,6 +216,7 @@ def test_preconditioned_compliance_is_well_conditioned_at_every_h_and_contrast(c
         assert conditions[-1] < 0.05 * np.linalg.cond(C)
 
 
+@pytest.mark.slow
 def test_the_preconditioner_knows_waves_within_quadratic_facets():
     """Quadratic tetrahedra: but for eight long waves C M has eigenvalues about 1, also for the rows at clamps."""
     assembly = prepare_scene(MPI.COMM_SELF, two_boxes(4, 4, 2))
@@ -243,6 +244,7 @@ def solve(assembly, **method):
     return solve(assembly, Method(**method).settled())
 
 
+@pytest.mark.slow
 def test_only_what_the_scene_requires_is_multiplied():
     """Without friction there are m unknowns and fewer products; without loads no products at all."""
     smooth, unloaded = pinched_blocks(6, "none"), pinched_blocks(6)
@@ -260,6 +262,7 @@ def test_only_what_the_scene_requires_is_multiplied():
     assert counts["smooth"]["newton"] < counts["rough"]["newton"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("path", "word"), [(Softening, "layer"), (InteriorPoints, "barrier")])
 def test_each_path_alone_leads_to_the_same_answer(comm, monkeypatch, path, word):
     """Newton's method is left before its first step: softening, or interior points, have to do it."""
@@ -339,6 +342,7 @@ def history(factor: float, length: int = 15, first: float = 1.0):
     ]
 
 
+@pytest.mark.slow
 def test_contraction_factor():
     from ddmpi.judge.diagnosis import contraction
 
@@ -454,6 +458,7 @@ def tried(scene: dict, stopped: str, factor: float = 0.9, statuses=CHANGING, opt
     return text.partition("try: ")[2]
 
 
+@pytest.mark.slow
 def test_diagnosis_names_what_the_scene_can_do():
     """Less friction where there is some and states change, Anderson where it takes the scene and can end elsewhere."""
     two, smooth = pinched_blocks(2), pinched_blocks(2, "none")
@@ -473,6 +478,7 @@ def test_diagnosis_names_what_the_scene_can_do():
     assert tried(bonded, "stalled", statuses=STILL) == ""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("height, advised", [(0.5, True), (0.03, False)])
 def test_no_friction_is_to_blame_for_slender_bodies(tmp_path, height, advised):
     """A run with too few steps names less friction and Anderson, but not beside the warning of a slender body."""
@@ -523,6 +529,7 @@ def test_the_precision_of_gmres_is_advised_where_it_was_given():
     assert words not in tried(scene, "stalled", options={"newton_ksp_rtol": "0.1"})
 
 
+@pytest.mark.slow
 def test_the_plan_says_what_is_left_out(tmp_path):
     scene = pinched_blocks(6, "none") | {"output": {"stress": False, "figures": False}}
     scene["body"][1]["traction"] = []
@@ -548,6 +555,7 @@ def test_the_plan_says_what_is_left_out(tmp_path):
 # A model of the compliance
 
 
+@pytest.mark.slow
 def test_model_of_the_compliance_learns_products_and_stays_positive():
     """What a product has shown holds for the model, which is symmetric and positive definite as C is."""
     assembly = prepare_scene(MPI.COMM_SELF, pinched_blocks(6, "coulomb"))
@@ -571,6 +579,7 @@ def test_model_of_the_compliance_learns_products_and_stays_positive():
     assert np.linalg.eigvalsh(after)[0] > 0.0
 
 
+@pytest.mark.slow
 def test_multigrid_takes_few_products_and_gives_the_same_forces():
     """Newton's method takes some 240 products for two boxes in space; a model of the compliance leaves few of them."""
     answers = {}
@@ -584,6 +593,7 @@ def test_multigrid_takes_few_products_and_gives_the_same_forces():
     assert few <= 0.4 * many
 
 
+@pytest.mark.slow
 def test_a_type_that_petsc_does_not_have_is_an_error():
     """Of the linear problems of Newton's steps; another one than GMRES has the same answer."""
     scene = pinched_blocks(2)
@@ -597,6 +607,7 @@ def test_a_type_that_petsc_does_not_have_is_an_error():
         ddmpi.solve(scene | {"petsc": {"newton_ksp_type": "gmrs"}}, MPI.COMM_SELF)
 
 
+@pytest.mark.slow
 def test_a_linear_problem_that_grows_without_limit_is_an_error():
     """Richardson's iteration ends with steps that are small enough, and with larger ones it does not."""
 

@@ -21,8 +21,6 @@ from ddmpi.system import logs
 from ddmpi.system.files import CHECKPOINT, RECORD, UNFINISHED, contact_files, write_atomically
 from ddmpi.system.provenance import whereabouts
 
-pytestmark = pytest.mark.slow
-
 HOST = whereabouts().split()[0]
 
 
@@ -41,6 +39,7 @@ def chosen(wanted: Path | None = None, restart: Path | None = None) -> Path:
         return folder
 
 
+@pytest.mark.slow
 def test_the_files_of_a_contact_are_known():
     """What is refused where two contacts would have one file is all that a contact may write."""
     assert set(contact_files("NAME")) == {name for name in FILES if "NAME" in name}
@@ -64,6 +63,7 @@ def test_a_file_that_cannot_be_written_leaves_the_former_one(tmp_path, monkeypat
     assert names(tmp_path) == {"file"}
 
 
+@pytest.mark.slow
 def test_an_error_of_writing_names_the_file(tmp_path, monkeypatch):
     """Also where the system does not: only what opens a file knows its name."""
     monkeypatch.setattr(Path, "write_text", full)
@@ -73,6 +73,7 @@ def test_an_error_of_writing_names_the_file(tmp_path, monkeypatch):
         write_summary(tmp_path, {})
 
 
+@pytest.mark.slow
 def test_hdf5_on_a_full_disk_ends_with_the_error_of_the_system(tmp_path):
     """In a process of its own: HDF5 told of the error would bring it down when it ends."""
     code = """
@@ -123,6 +124,7 @@ def fill(claim: Path, moved: bool = False) -> Path:
     return claim
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moved", [False, True])
 @pytest.mark.parametrize("restart", [False, True])
 def test_what_a_killed_run_has_left_goes(tmp_path, moved, restart):
@@ -192,6 +194,7 @@ def test_a_claim_that_is_a_link_is_refused(tmp_path):
     assert chosen(tmp_path / "out") == tmp_path / "out"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("restart", [False, True])
 def test_two_runs_do_not_have_one_folder(tmp_path, restart):
     """A folder in which a run is at work, or may be on another host, is refused, with what to remove."""
@@ -224,6 +227,7 @@ def test_a_run_on_another_host(tmp_path, monkeypatch):
     assert running(tmp_path) == "" and chosen(tmp_path) == tmp_path and not claim.exists()
 
 
+@pytest.mark.slow
 def test_runs_that_start_at_once_do_not_share_a_folder(tmp_path):
     """Of several that name the folder of a killed run one gets it."""
     (tmp_path / "out" / UNFINISHED / f"{HOST} {dead_process()}").mkdir(parents=True)
@@ -264,6 +268,7 @@ except InputError as error:
     assert all("another run is at work there" in line for line in said if line != "mine\n"), said
 
 
+@pytest.mark.slow
 def test_without_a_name_the_first_new_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with (
@@ -275,6 +280,7 @@ def test_without_a_name_the_first_new_folder(tmp_path, monkeypatch):
     assert names(tmp_path / "results") == {"scene-2"}
 
 
+@pytest.mark.slow
 def test_a_folder_is_removed_by_the_run_that_made_it(tmp_path):
     mine, theirs = tmp_path / "mine", tmp_path / "theirs"
     theirs.mkdir()
@@ -337,6 +343,7 @@ def test_publishing_that_fails_leaves_nothing(tmp_path, monkeypatch):
     assert names(tmp_path) == set()
 
 
+@pytest.mark.slow
 def test_a_full_disk_at_the_start_is_an_error_of_writing(tmp_path, monkeypatch):
     (tmp_path / "out").mkdir()
     monkeypatch.setattr(
@@ -371,6 +378,7 @@ def executable(path: Path, text: str) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("number", "said"), [(9, "KILL"), (None, "")])
 def test_run_sh_says_that_a_signal_has_ended_a_rank(tmp_path, number, said):
     """A quiet mpirun does not. The rank has begun MPI: before that MPICH's mpirun may itself fail, with 255."""
@@ -395,6 +403,7 @@ def test_run_sh_says_that_a_signal_has_ended_a_rank(tmp_path, number, said):
         assert ours == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "answer", "code"),
     [(signal.SIGUSR1, "exit 6", 6), (signal.SIGTERM, "", 0), (signal.SIGINT, "exit 6", 6)],
@@ -422,6 +431,7 @@ def test_run_sh_returns_the_exit_code_of_an_interrupted_run(tmp_path, number, an
         assert run.wait(timeout=scenes.LIMIT) == code
 
 
+@pytest.mark.slow
 def test_a_set_up_that_was_interrupted_is_not_taken_for_a_complete_one(tmp_path):
     """Killed while it looks at the Python it has found; the next one starts anew and ends with one that works."""
     tools = tmp_path / "bin"
