@@ -378,3 +378,24 @@ def test_a_mass_centre_off_its_axis_determines_a_turn(off, dead):
     K = 1e-3 * np.kron(np.diag([1.0, 0.0]), K) + 1e3 * np.kron(np.diag([0.0, 1.0]), K)
     found = held._dead(np.eye(4)[:, [0]], K, np.repeat([1e-3, 1e3], 2), RESISTED)
     assert found.shape == (4, int(dead))
+
+
+@pytest.mark.slow
+def test_a_ball_of_order_1_rests_in_a_bowl_that_moves():
+    """It goes along and does not turn, by facets that drive it less than normals are off; it came to no rest."""
+    mesh = {"shape": "ball", "center": [0.0, 0.0, -0.5], "radius": 1.0, "size": 0.6}
+    way = [0.3, 0.1, 0.2]
+    scene = {
+        "time": {"points": [1.0, 2.0], "steps": 1, "motions": "far"},
+        "history": {"load": history(0.0, 1.0), "push": history(1.0, 2.0)},
+        "body": [{"name": "ball", "mesh": mesh, "material": {"young": 1000.0, "poisson": 0.3},
+                  "volume_force": {"value": [0.0, 0.0, -2.0], "history": "load"}}],
+        "rigid": [{"name": "bowl", "shape": "sphere", "center": [0.0, 0.0, 0.0], "radius": 1.5, "inside": True,
+                   "motion": {"shift": way, "history": "push"}}],
+        "contact": [{"bodies": ["ball", "bowl"], "on": ["surface"]}],
+    }  # fmt: skip
+    answer = certified(scene)
+    places = answer.solved.steps.places
+    gone = places[2.0].freed["ball"] - places[1.0].freed["ball"]
+    assert gone == pytest.approx([*way, 0.0, 0.0, 0.0], abs=1e-6)
+    assert len(answer.summary["held_motions"]) == 3 and not answer.summary["undetermined"]
