@@ -346,7 +346,7 @@ def listed(word: str) -> int:
     if wrong:
         print("\n".join(wrong), file=sys.stderr)
         return 2
-    survivors = 0
+    survivors = broken = 0
     with tempfile.TemporaryDirectory() as folder:
         checkout = Checkout(Path(folder))
         code, output = checkout.test(sorted({mutant.tests for mutant in mutants}), ALL)
@@ -364,7 +364,8 @@ def listed(word: str) -> int:
             code, output = checkout.try_mutant(mutant, [mutant.tests])
             if code not in (0, 1, None):
                 print(output, f"{mutant.name}: pytest ended with {code}", sep="\n", file=sys.stderr)
-                return 2
+                broken += 1
+                continue
             survivors += code == 0
             end = (
                 "SURVIVED"
@@ -375,8 +376,8 @@ def listed(word: str) -> int:
                 f"| {mutant.file}.py | {mutant.name} | {mutant.tests.replace('::', ': ')} | {end} |",
                 flush=True,
             )
-    print(f"\n{len(mutants) - survivors} of {len(mutants)} mutants are caught.")
-    return int(survivors > 0)
+    print(f"\n{len(mutants) - survivors - broken} of {len(mutants)} mutants are caught.")
+    return 2 if broken else int(survivors > 0)
 
 
 if __name__ == "__main__":
