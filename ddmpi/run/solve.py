@@ -225,7 +225,7 @@ class Iteration:
             if isinstance(self.outer, Newton):
                 # forces that leave more than the tolerance without balance do not converge
                 least = max(SLIGHT, method.tolerance)
-                self.outer.hopeless = lambda: self._slight(least) is not None
+                self.outer.hopeless = lambda: self._past_meshes(least) is not None
         self.limit, self._tolerance = certificate_limit(method.tolerance), method.tolerance
         self._rounds = Rounds()
         self._stopped = ""  # why the outer method has ended, until it goes on
@@ -385,7 +385,7 @@ class Iteration:
         held, driven, released = judge_held(self.assembly, self.held, self.outer)
         if not released:
             if not driven and slides(held):
-                driven = beyond_meshes(self.assembly, self.held, self._slight(SLIGHT))
+                driven = self._past_meshes(SLIGHT)
             return held, driven or ""
         log.info("a motion that coarse elements hardly resist is driven by loads: it is not held")
         self.release()
@@ -434,6 +434,10 @@ class Iteration:
         """The mechanism of an imbalance from `least` on, which is too slight to be told before the iteration has
         failed. None for bodies that move far, whose loads change as they move. Collective."""
         return None if self.assembly.joint.far else look_for_mechanism(self.assembly, least)
+
+    def _past_meshes(self, least: float) -> Mechanism | None:
+        """The same, unless what is left along a held motion decides. Collective."""
+        return beyond_meshes(self.assembly, self.held, self._slight(least))
 
     def _kept(self, stopped: str) -> str:
         """The end of `Outer.run`, if a method from outside keeps what `Outer` promises, else a SolverError. Collective."""

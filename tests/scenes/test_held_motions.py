@@ -85,6 +85,25 @@ def test_a_shaft_in_a_bush_turns_no_more_than_its_half(around, order):
     assert held["moment"] <= 1e-3 * held["bound"] and half.summary["held_motions"] == []
 
 
+@pytest.mark.clarabel
+@pytest.mark.parametrize("centre", [(0.02, -0.03), (0.005, 0.0), seldom((0.0, -0.03))])
+def test_a_disc_drawn_anywhere_in_a_bore_is_pressed_to_where_its_load_points(centre):
+    """Its centre goes by the clearance to that side, whatever lever arm the load has about the bore as drawn."""
+    mesh = {"shape": "annulus", "center": list(centre), "radii": [1.0, 5.0], "angles": [0.0, 360.0]}
+    disc = {"name": "disc", "mesh": mesh | {"divisions": [41, 4], "order": 2}, "material": STEEL}
+    bore = {"shape": "circle", "name": "bore", "center": [0.0, 0.0], "radius": 5.04, "inside": True}
+    contact = {"bodies": ["disc", "bore"], "on": ["outer"]}
+    scene = {"body": [disc | {"volume_force": [0.4, -1.0]}], "rigid": [bore], "contact": [contact]}
+    answer = certified(scene)
+    gone = 0.04 * np.array([0.4, -1.0]) / np.hypot(0.4, 1.0) - centre
+    # and by less than 1e-3 more, as it yields
+    assert answer.summary["bodies"]["disc"]["displacement_max"] == pytest.approx(
+        np.linalg.norm(gone), abs=1e-3
+    )
+    (held,) = answer.summary["held_motions"]
+    assert held["moment"] <= 1e-9
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_load_aslant_leaves_no_moment(order):
     """It goes through the shaft's axis, about which the bush's forces have no moment, whatever the gap as drawn."""

@@ -5646,6 +5646,13 @@ MUTANTS = [
             "methods/test_steps.py::test_the_inverse_of_products_leaves_out_what_depends_on_others",
         ),
         (
+            "lever arms of gaps make a run hopeless",
+            "run/solve",
+            "lambda: self._past_meshes(least) is not None",
+            "lambda: self._slight(least) is not None",
+            "scenes/test_held_motions.py::test_a_disc_drawn_anywhere_in_a_bore_is_pressed_to_where_its_load_points",
+        ),
+        (
             "slides are driven by more where their bound is less",
             "run/held",
             "one.moment > IMBALANCE * one.bound",
