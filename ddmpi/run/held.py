@@ -52,7 +52,11 @@ FAINT = 3e-2
 """No motion is held in a group of bodies that resists all motions by more than this, over the root of its forces."""
 
 LEVERS = 2e-2
-"""Most errors of lever arms of loads, over the size of a body, and of the turn that they drive."""
+"""A body turns if its turn moves it by more than this, of what the fastest one moves."""
+
+DRAWN = 0.2
+"""Most lever arms of loads about a round partner that are those of a gap as drawn, over the size of a body, and most of
+what else than a held turn they drive."""
 
 BESIDE = 0.5
 """A motion counts beside others if the part of it that is none of theirs is longer than this, of the whole."""
@@ -399,15 +403,15 @@ def coarse_words(held: Sequence[HeldMotion]) -> list[str]:
 
 
 def beyond_meshes(assembly: Assembly, held: Held, mechanism: Mechanism | None) -> Mechanism | None:
-    """The mechanism, unless it is a held motion that turns bodies and that the loads drive by little more than the
-    errors of lever arms: what is left along it then decides, see `judge_held`. Not collective."""
-    if mechanism is None or not held.basis.size or mechanism.imbalance > LEVERS:
+    """The mechanism, unless it is nearly a held motion that turns bodies, and the loads drive it by no more than lever
+    arms of gaps: what is left along the held motion then decides, see `judge_held`. Not collective."""
+    if mechanism is None or not held.basis.size or mechanism.imbalance > DRAWN:
         return mechanism
     moving = zip(mechanism.bodies, mechanism.velocities, strict=True)
     alpha = np.concatenate([np.linalg.lstsq(body.basis, v, rcond=None)[0] for body, v in moving])
     left = alpha - held.span @ (held.span.T @ alpha)
     turns = turning(mechanism.bodies, mechanism.velocities)
-    return None if turns and np.linalg.norm(left) <= LEVERS * np.linalg.norm(alpha) else mechanism
+    return None if turns and np.linalg.norm(left) <= DRAWN * np.linalg.norm(alpha) else mechanism
 
 
 def turning(bodies: Sequence[MotionsOfBody], velocities: Iterable[np.ndarray]) -> bool:

@@ -86,19 +86,23 @@ def test_a_shaft_in_a_bush_turns_no_more_than_its_half(around, order):
 
 
 @pytest.mark.clarabel
-@pytest.mark.parametrize("centre", [(0.02, -0.03), (0.005, 0.0), seldom((0.0, -0.03))])
-def test_a_disc_drawn_anywhere_in_a_bore_is_pressed_to_where_its_load_points(centre):
+@pytest.mark.parametrize(
+    ("clearance", "centre"),
+    [(0.04, (0.02, -0.03)), (0.2, (0.16, 0.0)), seldom(0.04, (0.0, -0.03)), seldom(0.04, (0.005, 0.0))],
+)  # fmt: skip
+def test_a_disc_drawn_anywhere_in_a_bore_is_pressed_to_where_its_load_points(clearance, centre):
     """Its centre goes by the clearance to that side, whatever lever arm the load has about the bore as drawn."""
     mesh = {"shape": "annulus", "center": list(centre), "radii": [1.0, 5.0], "angles": [0.0, 360.0]}
     disc = {"name": "disc", "mesh": mesh | {"divisions": [41, 4], "order": 2}, "material": STEEL}
-    bore = {"shape": "circle", "name": "bore", "center": [0.0, 0.0], "radius": 5.04, "inside": True}
+    bore = {"shape": "circle", "name": "bore", "center": [0.0, 0.0], "inside": True}
+    bore["radius"] = 5.0 + clearance
     contact = {"bodies": ["disc", "bore"], "on": ["outer"]}
     scene = {"body": [disc | {"volume_force": [0.4, -1.0]}], "rigid": [bore], "contact": [contact]}
     answer = certified(scene)
-    gone = 0.04 * np.array([0.4, -1.0]) / np.hypot(0.4, 1.0) - centre
-    # and by less than 1e-3 more, as it yields
+    gone = clearance * np.array([0.4, -1.0]) / np.hypot(0.4, 1.0) - centre
+    # and by less than 1e-3 more, as it yields, and as normals are those as drawn
     assert answer.summary["bodies"]["disc"]["displacement_max"] == pytest.approx(
-        np.linalg.norm(gone), abs=1e-3
+        np.linalg.norm(gone), abs=1e-3 + clearance**2 / 10.0
     )
     (held,) = answer.summary["held_motions"]
     assert held["moment"] <= 1e-9

@@ -5646,6 +5646,13 @@ MUTANTS = [
             "methods/test_steps.py::test_the_inverse_of_products_leaves_out_what_depends_on_others",
         ),
         (
+            "no lever arm of a wide gap is left to what a held turn leaves",
+            "run/held",
+            "DRAWN = 0.2",
+            "DRAWN = 2e-2",
+            "scenes/test_held_motions.py::test_a_disc_drawn_anywhere_in_a_bore_is_pressed_to_where_its_load_points",
+        ),
+        (
             "lever arms of gaps make a run hopeless",
             "run/solve",
             "lambda: self._past_meshes(least) is not None",
