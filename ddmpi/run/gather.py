@@ -189,14 +189,15 @@ class StepLog:
 
         The exact value is never positive; a positive one shows that steps are too coarse where slip begins, or a
         contact opens, within one. Another step, in which gaps close, cannot make up for it. The work `given` (J) of an
-        overlap that acts at once, in the first step, does not count: no step divides it.
+        overlap that acts at once, in the first step, does not count: no step divides it. Nor does more than friction
+        dissipates in a step: this is of rows that change.
         """
         rows, k = np.array([np.zeros(6), *self.energies]), len(since["energies"])
         took, dissipated = np.diff(rows[k:, 3:5], axis=0).T
         size = max(rows[-1, 4], LITTLE * np.abs(rows[:, 1:4]).max())
         more = dissipated - took
         more[:1] += given
-        return np.maximum(more, 0.0).sum() / size if size else 0.0
+        return np.clip(more, 0.0, dissipated).sum() / size if size else 0.0
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""

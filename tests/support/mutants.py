@@ -4394,9 +4394,16 @@ MUTANTS = [
         (
             "a step in which gaps close makes up for one that is too long",
             "run/gather",
-            "np.maximum(more, 0.0).sum()",
-            "max(more.sum(), 0.0)",
+            "np.clip(more, 0.0, dissipated).sum()",
+            "max(np.minimum(more, dissipated).sum(), 0.0)",
             "scenes/test_load_steps.py::test_no_step_makes_up_for_one_that_is_too_long",
+        ),
+        (
+            "friction is blamed for more than it dissipates",
+            "run/gather",
+            "np.clip(more, 0.0, dissipated)",
+            "np.maximum(more, 0.0)",
+            "scenes/test_load_steps.py::test_no_friction_is_blamed_for_more_than_it_dissipates",
         ),
         (
             "a bar without the stars",
