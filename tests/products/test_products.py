@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from consistent import assert_consistent
 from decked import as_deck
 from kinds import Kind, in_cycles
 from limits import pushed
@@ -90,6 +91,8 @@ def as_promised(answer, case: Case, kind: Kind, seen: Seen) -> None:
         found = np.linalg.norm(answer.contacts[contact].slip, axis=1) / seen.length
         expected = np.full(len(found), case.slips[contact])
         assert found == pytest.approx(expected, rel=1e-6), contact
+    if answer.summary["ranks"] == 1:
+        assert_consistent(answer)
     if kind.steps:
         energy = answer.summary["energy"]
         joules = case.joules * seen.force * seen.length
