@@ -350,7 +350,7 @@ class FarMarch(March):
         """The part by which what sticks at the end of a step of this leg, in which sides turn past each other by the angle
         θ, has moved less than θ of a radius: by sin θ. Collective."""
         scene, log, most = self.assembly.scene, self.log, 0.0
-        bodies = {contact.name: contact.bodies for contact in self.assembly.contacts}
+        bodies = {contact.name: contact.bodies for contact in scene.contact}
         now = self._base.memory.frames(scene)
         for step in log.steps:
             if step["time"] > self._base.time:
@@ -358,7 +358,7 @@ class FarMarch(March):
                 for name, contact in step["contacts"].items():
                     first, second = (now[body].after(then[body].undone) for body in bodies[name])
                     most = max(most, bool(contact["stick"]) * norm(first.after(second.undone).turn))
-        # other ranks do not know of all contacts
+        # the first rank alone knows what all contacts do
         return self.assembly.world.bcast(float(np.radians(most)) ** 2 / 6.0)
 
     def _closing(self, s: np.ndarray) -> bool:

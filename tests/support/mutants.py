@@ -4920,6 +4920,13 @@ MUTANTS = [
             f"{FREE}::test_a_wheel_that_slips_needs_no_steps_to_roll",
         ),
         (
+            "the first rank knows the sides of its own contacts alone",
+            "run/places",
+            "for contact in scene.contact}",
+            "for contact in self.assembly.contacts}",
+            f"{FREE}::test_steps_before_the_last_of_a_leg_roll",
+        ),
+        (
             "only the last step of a leg rolls",
             "run/places",
             "if step['time'] > self._base.time:",
