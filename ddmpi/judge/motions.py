@@ -140,8 +140,9 @@ def undetermined(
     bodies: Sequence[MotionsOfBody],
     past: sparse.csr_matrix | None = None,
     friction: np.ndarray | None = None,
+    changes: sparse.csr_matrix | None = None,
 ) -> list[str]:
-    """The rigid motions that no closed contact resists at a solution, one sentence each. Not collective.
+    """The rigid motions that neither a closed contact resists at a solution nor loads, one sentence each. Not collective.
 
     Bodies that touch form a group, which is skipped if it has more than `LARGEST`.
 
@@ -153,6 +154,7 @@ def undetermined(
     past : (nc, nc) DᵀD of how far motions move the sides of contacts past each other; none without contacts
     friction : (2, k) G s and |G||s| of the friction s at its limit (N), zero if left out: it resists a motion against
         it, so that the sentence names the other direction
+    changes : (nc, nc) K, by which loads that do not follow bodies that move far resist
     """
     numbers = [body.basis.shape[1] for body in bodies]
     starts, owner = np.cumsum([0, *numbers]), np.repeat(np.arange(len(bodies)), numbers)
@@ -161,6 +163,8 @@ def undetermined(
     per_speed = sparse.diags(1.0 / unit)
     G = sparse.csr_matrix(per_speed @ sparse.csr_matrix(G_active))
     D = sparse.csr_matrix((len(owner),) * 2 if past is None else per_speed @ past @ per_speed)
+    K = per_speed @ (sparse.csr_matrix(D.shape) if changes is None else changes) @ per_speed
+    loads = loads_beside(K, owner)
     G.eliminate_zeros()
     touches = sparse.csr_matrix((np.ones(starts[-1]), (owner, np.arange(starts[-1])))) @ abs(G)
     number, island = csgraph.connected_components(touches @ touches.T, directed=False)
@@ -177,7 +181,8 @@ def undetermined(
             untouched.append(some[0].freely)
         elif len(some) <= LARGEST:
             squares = (G[rows] @ G[rows].T).toarray()
-            for motion in told_apart(unresisted(squares, D[rows][:, rows].toarray())[0].T):
+            vectors = unresisted(squares, D[rows][:, rows].toarray())[0]
+            for motion in dead(vectors, K[rows][:, rows].toarray(), loads[rows], RESISTED).T:
                 velocities = np.array(
                     [
                         body.basis @ (motion / unit[rows])[owner[rows] == k]
@@ -238,6 +243,27 @@ def told_apart(vectors: np.ndarray) -> np.ndarray:
     # the entries that tell the vectors apart best
     pivots = qr(vectors, mode="r", pivoting=True)[1][: len(vectors)]
     return np.linalg.solve(vectors[:, pivots], vectors)
+
+
+def loads_beside(K: sparse.spmatrix, owner: np.ndarray) -> np.ndarray:
+    """(j,) the largest entries of K (j, j), by which loads change, for the body of each motion, whose numbers `owner`
+    has."""
+    entries, most = K.tocoo(), np.zeros(K.shape[0])
+    np.maximum.at(most, owner[entries.row], np.abs(entries.data))
+    return most[owner]
+
+
+def dead(vectors: np.ndarray, K: np.ndarray, loads: np.ndarray, errors: float) -> np.ndarray:
+    """Of the span of `vectors` (j, q) the part along which loads do not change, by K (j, j), by more than the `errors` of
+    normals, beside `loads_beside` (j,): by less the mass centre of a mesh is off its axis. Each with an entry 1 where the
+    others have zeros."""
+    vectors = told_apart(vectors.T).T
+    sizes = loads @ np.abs(vectors)
+    scaled = vectors / np.sqrt(np.where(sizes > 0.0, sizes, 1.0))
+    _, values, turn = np.linalg.svd(scaled.T @ K @ scaled)
+    if (values <= errors).all():
+        return vectors
+    return told_apart((scaled @ turn[values <= errors].T).T).T
 
 
 def forwards(bodies: Sequence[MotionsOfBody], velocities: np.ndarray) -> float:

@@ -163,7 +163,8 @@ def _undetermined(
             [sparse.identity(size, format="csr")[stays.bolts], sparse.csr_matrix(stays.held.T)]
         )
         resisting = sparse.vstack([*forces, still]).T
-        return undetermined(resisting, bodies, summed(past, size), sum(slipping).toarray())
+        slips = sum(slipping).toarray()
+        return undetermined(resisting, bodies, summed(past, size), slips, assembly.joint.K)
 
     return from_first(assembly.world, describe)
 

@@ -34,10 +34,11 @@ from ddmpi.judge.motions import (
     RESISTED,
     TURN,
     MotionsOfBody,
+    dead,
     describe_motions,
     forwards,
     is_definite,
-    told_apart,
+    loads_beside,
     unresisted,
 )
 from ddmpi.methods.outer import Outer
@@ -192,9 +193,7 @@ def _chosen(
     """`Held.basis` and `Held.coarse` of groups of motions, by the `sums` FᵀF of sides and of pairs, and DᵀD; and by
     how loads change, K, of bodies whose numbers `owner` (j,) has."""
     chosen, levels = [np.zeros((K.shape[0], 0))], [np.zeros(0, bool)]
-    entries, most = K.tocoo(), np.zeros(K.shape[0])
-    np.maximum.at(most, owner[entries.row], np.abs(entries.data))
-    loads = most[owner]
+    loads = loads_beside(K, owner)
     for members in groups:
         own, F, D = (matrix[members][:, members].toarray() for matrix in sums)
         vectors, level = unresisted(own, D, coarse)
@@ -205,7 +204,7 @@ def _chosen(
         level |= rough and beside.size > 0
         changes = K[members][:, members].toarray()
         errors = COARSE if level else RESISTED
-        vectors = _dead(np.hstack([vectors, beside]), changes, loads[members], errors)
+        vectors = dead(np.hstack([vectors, beside]), changes, loads[members], errors)
         placed = np.zeros((K.shape[0], vectors.shape[1]))
         placed[members] = vectors
         chosen.append(placed)
@@ -264,17 +263,6 @@ def islands(
         if not all(is_definite(A[members][:, members].toarray() - bound) for A in matrices):
             found.append(members)
     return found
-
-
-def _dead(vectors: np.ndarray, K: np.ndarray, loads: np.ndarray, errors: float) -> np.ndarray:
-    """Of the span of `vectors` (j, q) the part along which loads do not change, by K (j, j), by more than the `errors` of
-    normals, beside the largest entries (j,) of K for the body of each motion: by less the mass centre of a mesh is off
-    its axis. Each with an entry 1 where the others have zeros."""
-    vectors = told_apart(vectors.T).T
-    sizes = loads @ np.abs(vectors)
-    scaled = vectors / np.sqrt(np.where(sizes > 0.0, sizes, 1.0))
-    _, values, turn = np.linalg.svd(scaled.T @ K @ scaled)
-    return told_apart((scaled @ turn[values <= errors].T).T).T
 
 
 def judge_held(
@@ -407,11 +395,16 @@ def beyond_meshes(assembly: Assembly, held: Held, mechanism: Mechanism | None) -
     arms of gaps: what is left along the held motion then decides, see `judge_held`. Not collective."""
     if mechanism is None or not held.basis.size or mechanism.imbalance > DRAWN:
         return mechanism
-    moving = zip(mechanism.bodies, mechanism.velocities, strict=True)
-    alpha = np.concatenate([np.linalg.lstsq(body.basis, v, rcond=None)[0] for body, v in moving])
+    alpha = amplitudes(mechanism)
     left = alpha - held.span @ (held.span.T @ alpha)
     turns = turning(mechanism.bodies, mechanism.velocities)
     return None if turns and np.linalg.norm(left) <= DRAWN * np.linalg.norm(alpha) else mechanism
+
+
+def amplitudes(mechanism: Mechanism) -> np.ndarray:
+    """The motions (rigid.size,) of a mechanism, of which the fastest node moves by 1 (m)."""
+    moving = zip(mechanism.bodies, mechanism.velocities, strict=True)
+    return np.concatenate([np.linalg.lstsq(body.basis, v, rcond=None)[0] for body, v in moving])
 
 
 def turning(bodies: Sequence[MotionsOfBody], velocities: Iterable[np.ndarray]) -> bool:

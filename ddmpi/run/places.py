@@ -29,7 +29,7 @@ from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Step, no_report
 from ddmpi.run.frames import began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
-from ddmpi.run.held import LEVERS
+from ddmpi.run.held import LEVERS, amplitudes, judge_held, turning
 from ddmpi.run.marks import Mark
 from ddmpi.run.recover import NOTHING
 from ddmpi.run.solve import Iteration, Solution
@@ -54,7 +54,9 @@ NEAR, DEPTH = 0.3, 3
 """Once α moves contacts by less than NEAR of what forces do, up to DEPTH passes before make the next motion of the
 frames, see `_mixed`. Earlier than that, bodies may leave each other."""
 
-FARTHEST = 15.0  # largest turn of a frame in a pass (degrees)
+FARTHEST, HALF = 15.0, 12
+"""The largest turn of a frame in a pass (degrees). Frames that turn so far are on their way, in the first HALF passes:
+half a turn. So are those of which loads drive a turn that is held."""
 
 
 @dataclass(frozen=True)
@@ -114,12 +116,16 @@ class Passes:
         self._changes = self._changes[-DEPTH:] if near else []
         return _mixed(self._changes, alpha)
 
-    def went(self, alpha: np.ndarray, step: np.ndarray, outer: Newton, statuses: StatusLog) -> None:
-        """Note that the frames go by a `step` after a pass with the motions α."""
+    def went(
+        self, alpha: np.ndarray, step: np.ndarray, far: bool, outer: Newton, statuses: StatusLog
+    ) -> None:
+        """Note that the frames go by a `step` after a pass with the motions α, as `far` as they turn in a pass."""
+        if far and self.number < HALF:
+            self._least, self._idle = np.inf, 0
         self.number += 1
         self.steps += outer.history
         self.counts += statuses.counts
-        self._changes.append((alpha, step))
+        self._changes = [] if far else [*self._changes, (alpha, step)]
 
     def join(self, outer: Newton, statuses: StatusLog) -> None:
         """Let the record of the last pass have the steps of all."""
@@ -135,6 +141,7 @@ class FarMarch(March):
         still = np.zeros({2: 3, 3: 6}[assembly.scene.dimension])
         first = Memory(0.0, dict.fromkeys(assembly.free, still), {}, {}, _deepest(assembly))
         self._whole = frozenset[str]()  # contacts of which no rows are left out in this step
+        self._still = first.freed  # where held motions stay
         super().__init__(assembly, iteration, log)
         self._now = self._before = self._base = self._coarse = replace(self._now, memory=first)
 
@@ -161,6 +168,7 @@ class FarMarch(March):
     def _settle(self, time: float) -> Solution:
         """Place the bodies at `time`, and solve, until free frames have settled."""
         memory, passes, free = self._now.memory, Passes(), self.assembly.free
+        self._still = memory.freed
         start, stopped = self._passes(time, passes)
         since = start, memory.forces_at, self._now.slid
         largest = self.log.most["sizes"]
@@ -173,7 +181,7 @@ class FarMarch(March):
         passes.join(self.outer, self.iteration.statuses)
         if stopped == "converged":
             _refuse_passing(self.assembly, memory)
-            if free and len(self._ahead) == 1:  # the end of a leg
+            if free and len(self._ahead) == 1 and not solution.mechanism:  # the end of a leg
                 self.log.doubt(time, instability(self.assembly, self.outer))
         self._count()
         self._number_of_passes = passes.number
@@ -212,19 +220,39 @@ class FarMarch(March):
                 far_off,
                 size,
             )
-            if stopped != "converged" or far_off <= SETTLED * size:
+            if stopped != "converged":
                 return start, stopped
-            if passes.useless(far_off):
+            driven = None
+            if far_off <= SETTLED * size:
+                driven = self._driven() if passes.number < HALF else None
+                if driven is None:
+                    return start, stopped
+            elif passes.useless(far_off):
                 return start, "unsettled"
             rows = {
                 interface.name: forces_by_node(interface, self.outer.forces[part])
                 for interface, part in assembly.space.with_slices()
             }
-            step = passes.next(alpha, far_off <= NEAR * size)
+            step = passes.next(alpha, far_off <= NEAR * size) if driven is None else driven
             freed, share = self._gone(step)
-            passes.went(alpha, share * step, self.outer, self.iteration.statuses)
+            if driven is not None:
+                self._still = freed
+            far = driven is not None or share < 1.0
+            passes.went(alpha, share * step, far, self.outer, self.iteration.statuses)
             self._count()
             start = self._place(time, freed, rows, again=True)
+
+    def _driven(self) -> np.ndarray | None:
+        """The motion (rigid.size,) along which loads drive a held turn by more than normals are off, as far as frames turn in
+        a pass, if there is one: a weight beside an axis does, until it hangs below. Collective."""
+        held = self.iteration.held
+        if not held.basis.size:
+            return None
+        _, driven, _ = judge_held(self.assembly, held, self.outer)
+        if driven is None or not turning(driven.bodies, driven.velocities):
+            return None
+        size = max(body.size for body in driven.bodies)
+        return np.radians(FARTHEST) * size * amplitudes(driven)
 
     def _accept(self, time: float, solution: Solution) -> None:
         super()._accept(time, solution)
@@ -271,9 +299,9 @@ class FarMarch(March):
         return sliding
 
     def _hold(self, freed: Freed) -> None:
-        """Hold the motions that nothing determines where they were a step before: turns by the angle, whatever a body
-        has moved, others by its way."""
-        held, assembly, before = self.iteration.held.span, self.assembly, self._now.memory.freed
+        """Hold the motions that nothing determines where they were a step before, or loads have driven them since: turns by
+        the angle, whatever a body has moved, others by its way."""
+        held, assembly, before = self.iteration.held.span, self.assembly, self._still
         if not held.size:
             return
         gone, turns = np.zeros(len(held)), np.ones(len(held), bool)

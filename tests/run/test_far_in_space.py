@@ -13,10 +13,10 @@ import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.body.stress import turned as stress_turned
 from ddmpi.body.stress import von_mises
+from ddmpi.judge import motions
 from ddmpi.judge.motions import RESISTED
 from ddmpi.results.histories import placed
 from ddmpi.results.tables import read_results
-from ddmpi.run import held
 from ddmpi.run.places import put_back
 from ddmpi.system.numbers import Frame
 
@@ -376,7 +376,7 @@ def test_a_mass_centre_off_its_axis_determines_a_turn(off, dead):
     K = np.diag([off, 0.0])
     K[0, 1] = 1.0  # as the load moves along
     K = 1e-3 * np.kron(np.diag([1.0, 0.0]), K) + 1e3 * np.kron(np.diag([0.0, 1.0]), K)
-    found = held._dead(np.eye(4)[:, [0]], K, np.repeat([1e-3, 1e3], 2), RESISTED)
+    found = motions.dead(np.eye(4)[:, [0]], K, np.repeat([1e-3, 1e3], 2), RESISTED)
     assert found.shape == (4, int(dead))
 
 

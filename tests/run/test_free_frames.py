@@ -300,6 +300,43 @@ def test_steps_before_the_last_of_a_leg_roll():
     assert FarMarch._too_short(march) == pytest.approx(np.radians(10.0) ** 2 / 6.0)
 
 
+def eccentric(beside: float, angle: float, around: int = 40, layers: int = 4) -> dict:
+    """The mesh of a disc of radius 1.8 with a hole of 1.05 round (0, -0.05), whose middle is off the hole's by `beside`,
+    `angle` degrees from below; of triangles."""
+    turns = 2.0 * np.pi / around * np.arange(around)
+    rim, off = (
+        np.column_stack([np.cos(turns), np.sin(turns)]),
+        np.radians(angle) - 0.5 * np.pi,
+    )
+    way = beside * np.array([np.cos(off), np.sin(off)])
+    shares = np.linspace(0.0, 1.0, layers + 1)[:, None, None]
+    points = [0.0, -0.05] + (1.0 - shares) * 1.05 * rim + shares * (way + 1.8 * rim)
+    near = np.arange(layers)[:, None] * around + np.arange(around)
+    next_to = np.roll(near, -1, axis=1)
+    cells = [[near, near + around, next_to + around], [near, next_to + around, next_to]]
+    hole = np.column_stack([near[0], next_to[0]])
+    return {
+        "points": points.reshape(-1, 2),
+        "cells": np.moveaxis(cells, 1, -1).reshape(-1, 3),
+        "groups": {"hole": hole},
+    }
+
+
+@pytest.mark.parametrize("angle", [85.0, 90.0])
+def test_a_part_turns_until_its_mass_centre_hangs_below_its_axis(angle):
+    """An eccentric disc hung over a shaft, without friction: by the whole angle, within what facets of 9 degrees take. Drawn
+    level, nothing resists its first turn, so that this was held, and no equilibrium told."""
+    scene = {
+        "time": {"points": [1.0], "steps": 1, "motions": "far"},
+        "body": [{"name": "part", "mesh": eccentric(0.3, angle), "material": SOFT, "volume_force": [0.0, -0.3]}],
+        "rigid": [{"name": "shaft", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0}],
+        "contact": [{"bodies": ["part", "shaft"], "on": ["hole"]}],
+    }  # fmt: skip
+    answer = certified(scene)
+    assert answer.solved.steps.places[1.0].freed["part"][2] == pytest.approx(-angle, abs=0.2)
+    assert answer.summary["held_motions"] == answer.summary["undetermined"] == []
+
+
 @pytest.mark.parametrize(("most", "short"), [(2, "0.035"), (8, "0.0027")])
 def test_turns_that_the_most_steps_do_not_resolve_are_told(most, short, monkeypatch):
     """Not that forces miss the tolerance: these agree to rounding."""
