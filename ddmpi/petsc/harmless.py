@@ -100,6 +100,9 @@ VALUE = re.compile(
 SCREEN = re.compile("::ascii_[a-z_]+", re.ASCII)
 """Formats of what is printed. All else that such an option may be given is, or in some version was, a file's name."""
 
+ONLY_TRUE = "monitor", "tao_"
+"""Of options that print those that take no format: with one PETSc's monitors end the run by a signal."""
+
 PYTHON = {"qp_tao_type": ("python",), "qp_tao_python_type": ("ddmpi.mprgp.MPRGP", "ddmpi.apg.APG")}
 """The only values that have to do with Python: ddmpi's own solvers."""
 
@@ -115,7 +118,8 @@ def harmless_value(name: str, value: object) -> bool:
     """Whether a scene may give this value to an option that it may set."""
     bare, word = name.removeprefix("-").lower(), str(value)
     if kind(name) == "prints":
-        return value is True or (bool(SCREEN.fullmatch(word)) and "tao_" not in bare)
+        takes_format = not any(part in bare for part in ONLY_TRUE)
+        return value is True or (bool(SCREEN.fullmatch(word)) and takes_format)
     if bare in PYTHON and word in PYTHON[bare]:
         return True
     return bool(VALUE.fullmatch(word)) and not bare.endswith("python_type")

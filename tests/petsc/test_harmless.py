@@ -178,6 +178,8 @@ REFUSED = [
     ("body_ksp_view\n", True),
     ("body_ksp_monitor", "binary"),
     ("body_ksp_monitor", "ascii"),
+    ("body_ksp_monitor", "::ascii_info"),
+    ("newton_ksp_monitor_true_residual", "::ascii_info_detail"),
     ("newton_ksp_view", ":thesis.txt"),
     ("newton_ksp_view", "::ascii_info:append"),
     ("body_prefix_push", "x"),

@@ -5688,6 +5688,13 @@ MUTANTS = [
             "scenes/test_held_motions.py::test_a_disc_drawn_anywhere_in_a_bore_is_pressed_to_where_its_load_points",
         ),
         (
+            "monitors take a format",
+            "petsc/harmless",
+            '"monitor", "tao_"',
+            '"tao_", "tao_"',
+            "petsc/test_harmless.py::test_options_that_reach_beyond_the_run_are_refused",
+        ),
+        (
             "lever arms of gaps make a run hopeless",
             "run/solve",
             "lambda: self._past_meshes(least) is not None",
