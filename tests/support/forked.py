@@ -65,4 +65,9 @@ def _begin(
     os.chdir(folder)
     os.environ.clear()
     os.environ.update(environment)
-    interrupt._serve()
+    if "DDMPI_REACHED" in environment:
+        from reached import write_apart
+
+        write_apart(interrupt._serve)
+    else:
+        interrupt._serve()
