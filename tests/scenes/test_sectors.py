@@ -330,6 +330,24 @@ def test_what_an_image_would_not_have_is_refused():
     certified(layer)
 
 
+def test_clamps_of_flanks_agree_where_the_image_is():
+    """Both flanks move outwards: along x the one, along y the other; by unlike ways a bond would be torn apart."""
+
+    def ring(outwards: float) -> dict:
+        clamp = [{"on": "start", "x": 1e-4}, {"on": "end", "y": outwards}]
+        sector, _ = wheel([segment("ring", 0.0, 90.0, 1, clamp=clamp)], [flanks("ring", **BOND)])
+        return sector
+
+    moved = certified(ring(1e-4)).bodies["ring"]
+    radius = np.hypot(*moved.points.T)
+    outwards = (moved.points * moved.displacement).sum(axis=1) / radius
+    on_flanks = moved.points.min(axis=1) < 1e-9
+    assert on_flanks.sum() == 10
+    assert outwards[on_flanks] == pytest.approx(np.full(10, 1e-4), abs=1e-12)
+    torn = "contact.ring-ring: at (0, 1)", "y = 0.0002", "tear the bond apart by 0.0001 m"
+    assert_refused(ring(2e-4), *torn)
+
+
 def test_an_image_that_does_not_face_is_refused():
     """The end of a sector faces the start that is turned forwards, not backwards; a bond does not bridge the gap of a
     turn too far, nor the overlap of one too short."""
