@@ -12,6 +12,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import Answered, ContactState, ContactTotals
 from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps
 from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
+from ddmpi.judge.rolls import doubt_rolls, free_to_roll
 from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import CELLS, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, tangents
@@ -153,7 +154,7 @@ def doubt_answer(assembly: Assembly, answer: Answered, passing: bool = False) ->
     certain = {name: one for name, one in contacts.items() if f"contact.{name}" not in rounded}
     return [
         *(warning for body in assembly.scene.body for warning in by_body[body.name][0]),
-        *told,
+        *free_to_roll(told, contacts, assembly.loose),
         *([] if passing else _unresolved(assembly, certain, loads)),
         *overlaps,
     ]
@@ -202,6 +203,8 @@ def _of_contacts(assembly: Assembly, answer: Answered, passing: bool) -> dict[st
             rounding = [*_lost_in_rounding(state, largest, assembly.scene.units)]
             few = _few_nodes if assembly.frames else _unresolved_zone
             warnings += rounding or few(state)
+            if assembly.loose and not rounding and not assembly.frames:
+                warnings += doubt_rolls(state, slid)
         if warnings:
             found[name] = warnings
     return found

@@ -21,6 +21,7 @@ class Mutant(NamedTuple):
 
 
 CERTIFICATE, EQUILIBRIUM = "judge/test_certificate.py", "judge/test_equilibrium.py"
+ROLLS = "judge/test_rolls.py"
 SPOILT = f"{CERTIFICATE}::test_a_wrong_answer_has_the_residual_of_its_error"
 SOLVED = f"{CERTIFICATE}::test_a_solved_scene_that_is_spoilt_is_not_certified"
 PATH = "methods/test_newton.py::test_each_path_alone_leads_to_the_same_answer"
@@ -4847,6 +4848,48 @@ MUTANTS = [
             'if not (qualities(mesh, largest) < LIMIT["thin"]).all():',
             'if not (qualities(mesh, largest) < LIMIT["thin"]).any():',
             "judge/test_edges.py::test_the_largest_stress_in_a_sliver_is_told",
+        ),
+        (
+            "nodes decide a roll of half of what a facet turns",
+            "judge/rolls",
+            "curvature * spacing / 2.0",
+            "curvature * spacing",
+            f"{ROLLS}::test_a_roll_to_the_nodes_of_a_stiff_ring_is_that_of_a_polygon",
+        ),
+        (
+            "a roll is told where it is large beside the deformation",
+            "judge/rolls",
+            "ROLL * state.yielding",
+            "0.0",
+            f"{ROLLS}::test_a_roll_is_told_where_nodes_decide_it",
+        ),
+        (
+            "a steep slope decides a roll",
+            "judge/rolls",
+            "turn * UNSURE < most",
+            "most > 0.0",
+            f"{ROLLS}::test_a_roll_is_told_where_nodes_decide_it",
+        ),
+        (
+            "many nodes decide a roll better",
+            "judge/rolls",
+            "rolls and narrow",
+            "rolls",
+            f"{ROLLS}::test_many_nodes_decide_a_roll_better",
+        ),
+        (
+            "a side between corners is flat",
+            "judge/rolls",
+            "or _has_corner(interface, around)",
+            "",
+            f"{ROLLS}::test_a_flat_side_is_no_round_one",
+        ),
+        (
+            "a body that bears elsewhere does not roll",
+            "judge/rolls",
+            "bearing[name] == 1",
+            "bearing[name]",
+            f"{ROLLS}::test_bodies_with_other_supports_do_not_roll",
         ),
         (
             "a single node has a pressure",
