@@ -39,6 +39,7 @@ from ddmpi.judge.motions import (
     forwards,
     is_definite,
     loads_beside,
+    told_apart,
     unresisted,
 )
 from ddmpi.methods.outer import Outer
@@ -167,7 +168,9 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
         sums = [summed(parts, size) for parts in (by_sides, resisting, moving)]
         groups = touching()
         owner = np.repeat(np.arange(len(bodies)), [body.basis.shape[1] for body in bodies])
-        basis, level = _chosen(groups, sums, joint.K, owner, coarse)
+        spin = [body.size * np.abs(body.basis[scene.dimension :]).max(axis=0) for body in bodies]
+        turned = np.concatenate(spin) > LEVERS
+        basis, level = _chosen(groups, sums, joint.K, (owner, turned), coarse)
         turns = [
             turning(bodies, [body.basis @ v[joint.slices[body.name]] for body in bodies])
             for v in basis.T
@@ -187,13 +190,13 @@ def _chosen(
     groups: Sequence[np.ndarray],
     sums: Sequence[sparse.csr_matrix],
     K: sparse.csr_matrix,
-    owner: np.ndarray,
+    of_bodies: tuple[np.ndarray, np.ndarray],
     coarse: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
     """`Held.basis` and `Held.coarse` of groups of motions, by the `sums` FᵀF of sides and of pairs, and DᵀD; and by
-    how loads change, K, of bodies whose numbers `owner` (j,) has."""
+    how loads change, K; `of_bodies` (j,) has the number of the body of each motion, and whether it turns that."""
     chosen, levels = [np.zeros((K.shape[0], 0))], [np.zeros(0, bool)]
-    loads = loads_beside(K, owner)
+    loads, turned = loads_beside(K, of_bodies[0]), of_bodies[1]
     for members in groups:
         own, F, D = (matrix[members][:, members].toarray() for matrix in sums)
         vectors, level = unresisted(own, D, coarse)
@@ -202,14 +205,27 @@ def _chosen(
         beside, sizes, _ = np.linalg.svd(by_pairs - vectors @ (vectors.T @ by_pairs))
         beside = beside[:, : len(sizes)][:, sizes > BESIDE]
         level |= rough and beside.size > 0
-        changes = K[members][:, members].toarray()
-        errors = COARSE if level else RESISTED
-        vectors = dead(np.hstack([vectors, beside]), changes, loads[members], errors)
+        candidates, errors = np.hstack([vectors, beside]), COARSE if level else RESISTED
+        given = K[members][:, members].toarray(), loads[members], errors
+        vectors = dead(candidates, *given)
+        if coarse and vectors.shape[1] < candidates.shape[1]:
+            straight = dead(_straight(candidates, turned[members]), *given)
+            if straight.shape[1] > vectors.shape[1]:
+                vectors, level = straight, True
         placed = np.zeros((K.shape[0], vectors.shape[1]))
         placed[members] = vectors
         chosen.append(placed)
         levels.append(np.full(vectors.shape[1], level))
     return np.hstack(chosen), np.concatenate(levels)
+
+
+def _straight(vectors: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    """`vectors` (j, q) told apart, without what shifts turn, motions `turned` (j,) bool, by less than normals of coarse
+    elements are off: on a tilt that grows along the way, loads would drive them."""
+    vectors = told_apart(vectors.T).T
+    shifts = np.abs(vectors[turned]).max(axis=0, initial=0.0) <= COARSE
+    vectors[np.ix_(turned, shifts)] = 0.0
+    return vectors
 
 
 def _forces(assembly: Assembly) -> list[tuple[str, np.ndarray, np.ndarray]]:

@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 import pytest
+import scipy.sparse as sparse
 import solid_scenes
 from mpi4py import MPI
 from scenes import COULOMB, assert_refused, certified, run_here, seldom, write_scene
@@ -17,6 +18,7 @@ from ddmpi.judge import motions
 from ddmpi.judge.motions import RESISTED
 from ddmpi.results.histories import placed
 from ddmpi.results.tables import read_results
+from ddmpi.run import held
 from ddmpi.run.places import put_back
 from ddmpi.system.numbers import Frame
 
@@ -378,6 +380,19 @@ def test_a_mass_centre_off_its_axis_determines_a_turn(off, dead):
     K = 1e-3 * np.kron(np.diag([1.0, 0.0]), K) + 1e3 * np.kron(np.diag([0.0, 1.0]), K)
     found = motions.dead(np.eye(4)[:, [0]], K, np.repeat([1e-3, 1e3], 2), RESISTED)
     assert found.shape == (4, int(dead))
+
+
+@pytest.mark.parametrize(
+    "tilt, coarse, kept", [(3.4e-4, True, 1), (3.4e-4, False, 0), (2e-2, True, 0)]
+)
+def test_a_shift_that_facets_tilt_is_held_as_a_coarse_one(tilt, coarse, kept):
+    """A bar in a trough, of which facets tilt the shift y by the turn -tilt about x, along which its weight has the moment y;
+    a trough that bends by more determines it."""
+    F, K = np.array([[tilt, 1.0]]), sparse.csr_matrix([[0.0, 0.0], [1.0, 0.0]])
+    sums = [sparse.csr_matrix(each) for each in (F.T @ F, F.T @ F, np.eye(2))]
+    of_bodies = np.zeros(2, int), np.array([False, True])
+    basis, levels = held._chosen([np.arange(2)], sums, K, of_bodies, coarse)
+    assert basis.T.tolist() == [[1.0, 0.0]] * kept and levels.tolist() == [True] * kept
 
 
 @pytest.mark.slow

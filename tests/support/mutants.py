@@ -5019,6 +5019,20 @@ MUTANTS = [
             f"{FREE}::test_a_part_turns_until_its_mass_centre_hangs_below_its_axis",
         ),
         (
+            "tilts of facets determine shifts",
+            "run/held",
+            "vectors[np.ix_(turned, shifts)] = 0.0",
+            "pass",
+            f"{SPACE}::test_a_shift_that_facets_tilt_is_held_as_a_coarse_one",
+        ),
+        (
+            "shifts on any tilt are held",
+            "run/held",
+            ".max(axis=0, initial=0.0) <= COARSE",
+            ".max(axis=0, initial=0.0) <= 1.0",
+            f"{SPACE}::test_a_shift_that_facets_tilt_is_held_as_a_coarse_one",
+        ),
+        (
             "shifts that turn by rounding go back by their angle",
             "run/places",
             "(values > LEVERS)",
