@@ -253,7 +253,11 @@ class StiffnessSolver:
         if self._factors is not None:
             self._solve_with(self._factors, f, u)
             return
-        self.ksp.solve(f, u)
+        try:
+            self.ksp.solve(f, u)
+        except PETSc.Error as error:
+            words = f"body {self.name!r}: {self.description} failed: {petsc_message(error)}"
+            raise SolverError(words) from None
         reason = self.ksp.getConvergedReason()
         if reason < 0:
             raise SolverError(

@@ -271,6 +271,14 @@ def test_unknown_type_is_an_error_for_the_user(options, petsc_options):
         solve(problem.A, problem.b)
 
 
+def test_what_only_a_solve_finds_wrong_is_an_error_for_the_user(petsc_options):
+    """A preconditioner that is composed of none can be set up, but not applied."""
+    petsc_options(body_ksp_type="cg", body_pc_type="composite")
+    problem = block()
+    with pytest.raises(SolverError, match=r"'upper': .* failed: .*No composite preconditioners"):
+        solve(problem.A, problem.b)
+
+
 @pytest.mark.skipif(not mumps_is_known(), reason="MUMPS is not called directly")
 def test_factors_that_need_more_memory_than_is_allowed_are_an_error(petsc_options):
     """MUMPS's own numbers are in the message; with more memory there are factors."""
