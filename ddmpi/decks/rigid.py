@@ -39,7 +39,7 @@ class RigidSets:
         for rigid in self.model.rigid:
             by_node[rigid.ref].append(rigid)
         for sets in by_node.values():
-            reason = self._apart(sets) or self._join(sets)
+            reason = self._apart(sets) or self._bare(sets) or self._join(sets)
             for one in sets if reason else ():
                 self.notes.lost(one.card, reason)
 
@@ -60,6 +60,11 @@ class RigidSets:
         acting = {node for kind in ("supports", "forces") for node, _ in self.kinds[kind]}
         turned = {first.ref, first.turn} & self.model.transforms.keys()
         return "its reference node has a *TRANSFORM" * bool(turned & acting)
+
+    def _bare(self, sets: Sequence[Rigid]) -> str:
+        """That one of the sets has no body; empty if all have."""
+        bare = any(one.nodes.isdisjoint(self.acts.home) for one in sets)
+        return f"of the sets of lines {_lines(sets)} one has no node of a body" * bare
 
     def _join(self, sets: Sequence[Rigid]) -> str:
         """Write sets with one reference node; the reason where it is not possible."""

@@ -127,7 +127,13 @@ def test_a_rigid_body_in_the_plane(tmp_path):
     )
 
 
+LOST = "*NSET, NSET=LOST\n77777, 77778\n"
 APART = [
+    (LOST + RIGID.format("LOST") + RIGID.format("B_X0"), "one has no node of a body"),
+    (
+        "*SURFACE, NAME=S, TYPE=NODE\n901\n" + KINEMATIC.format("S") + KINEMATIC.format("SB"),
+        "one has no node of a body",
+    ),
     (SPREAD.format("SA") + SPREAD.format("SB"), "have one reference node; how its force divides"),
     (
         KINEMATIC.format("SA") + SPREAD.format("SB"),

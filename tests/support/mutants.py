@@ -5801,6 +5801,13 @@ MUTANTS = [
             "petsc/test_harmless.py::test_options_that_reach_beyond_the_run_are_refused",
         ),
         (
+            "a rigid set without a body is left out",
+            "decks/rigid",
+            "one.nodes.isdisjoint(self.acts.home)",
+            "nodes.isdisjoint(self.acts.home)",
+            "decks/test_together.py::test_sets_that_are_no_one_rigid_body_are_refused",
+        ),
+        (
             "lever arms of gaps make a run hopeless",
             "run/solve",
             "lambda: self._past_meshes(least) is not None",
