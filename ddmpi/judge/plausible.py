@@ -190,8 +190,9 @@ def _of_contacts(assembly: Assembly, answer: Answered, passing: bool) -> dict[st
     pressed = world.bcast(
         max((contact.normal_max for contact in answer.contacts.values()), default=0.0)
     )
-    found = {}
-    for name, (slid, largest) in _moved(assembly, answer).items():
+    rolling, found = assembly.loose and not passing and not assembly.frames, {}
+    rigid = _moved(assembly, answer, _rigid(assembly, answer)) if rolling else {}
+    for name, (slid, largest) in _moved(assembly, answer, answer.displacements).items():
         state = answer.states[name]
         warnings = [] if assembly.frames else [*_far_slip(assembly, state, slid)]
         warnings += _overlap_between(here, state, largest)
@@ -203,19 +204,34 @@ def _of_contacts(assembly: Assembly, answer: Answered, passing: bool) -> dict[st
             rounding = [*_lost_in_rounding(state, largest, assembly.scene.units)]
             few = _few_nodes if assembly.frames else _unresolved_zone
             warnings += rounding or few(state)
-            if assembly.loose and not rounding and not assembly.frames:
-                warnings += doubt_rolls(state, slid)
+            if rolling and not rounding:
+                warnings += doubt_rolls(state, rigid[name][0])
         if warnings:
             found[name] = warnings
     return found
 
 
-def _moved(assembly: Assembly, answer: Answered) -> dict[str, tuple[np.ndarray, float]]:
-    """By contact of this rank how far the rows (m, d) of the first side have moved past the second (m), and the largest
-    displacement of both bodies (m). Collective."""
-    mine = dict[tuple[str, int], tuple[np.ndarray, float]]()
+def _rigid(assembly: Assembly, answer: Answered) -> dict[str, np.ndarray]:
+    """Of this rank's bodies the displacements (nv, d) by the motions that clamps leave free, in the mean (m). Not
+    collective."""
+    found = {}
     for body in assembly.bodies:
         u = answer.displacements[body.spec.name]
+        found[body.spec.name] = 0.0 * u
+        if len(body.member.e):
+            M = body.member.motions.reshape(u.size, -1)
+            found[body.spec.name] = (M @ np.linalg.solve(M.T @ M, M.T @ u.ravel())).reshape(u.shape)
+    return found
+
+
+def _moved(
+    assembly: Assembly, answer: Answered, displacements: Mapping[str, np.ndarray]
+) -> dict[str, tuple[np.ndarray, float]]:
+    """By contact of this rank how far `displacements` (nv, d) of bodies move the rows (m, d) of the first side past the
+    second (m), and the largest one of both bodies (m). Collective."""
+    mine = dict[tuple[str, int], tuple[np.ndarray, float]]()
+    for body in assembly.bodies:
+        u = displacements[body.spec.name]
         largest = float(np.linalg.norm(u, axis=1).max())
         for interface in body.member.interfaces:
             for side in interface.sides(body.spec.name):

@@ -34,8 +34,8 @@ KIND = "roll"
 
 
 def doubt_rolls(state: ContactState, moved: np.ndarray) -> list[str]:
-    """A warning where the first side of a contact, which has `moved` (m, d) past the second (m), rolls on it, and where it
-    stops is decided by a few nodes within a facet. Not collective."""
+    """A warning where the first side of a contact, which its body has `moved` (m, d) past the second as a whole (m), rolls
+    on it, and where it stops is decided by a few nodes within a facet. Not collective."""
     interface, closed = state.interface, state.status != "open"
     pairs = np.column_stack(sparse.triu(interface.geometry.laplacian, 1).nonzero())
     pairs = pairs[closed[pairs].any(axis=1)]

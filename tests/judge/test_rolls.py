@@ -97,6 +97,15 @@ def test_a_roll_is_told_where_nodes_decide_it(scene, told):
     assert len(rolls(scene)) == told
 
 
+@pytest.mark.parametrize(("clamp", "told"), [([], True), ([{"on": "inner", "x": 0.0}], False)])
+def test_a_roll_is_one_that_clamps_leave_free(clamp, told):
+    """A floor that is dragged takes a loose ring along, which should not roll; a hub that cannot turn only twists."""
+    scene = roller(48, tilt=0.0, young=2.1e5)
+    scene["rigid"][0]["displacement"] = [0.5, 0.0]
+    scene["body"][0]["clamp"] = clamp
+    assert len(rolls(scene)) == told
+
+
 def test_many_nodes_decide_a_roll_better():
     """The resultant is where the load meets the floor: a round body rolls by tan of the slope, in small motions."""
     answer = certified(roller(192, tilt=20.3, slope=3.0, young=2e4))

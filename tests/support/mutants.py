@@ -4878,6 +4878,13 @@ MUTANTS = [
             f"{ROLLS}::test_many_nodes_decide_a_roll_better",
         ),
         (
+            "a hub that cannot turn twists",
+            "judge/plausible",
+            "doubt_rolls(state, rigid[name][0])",
+            "doubt_rolls(state, slid)",
+            f"{ROLLS}::test_a_roll_is_one_that_clamps_leave_free",
+        ),
+        (
             "a side between corners is flat",
             "judge/rolls",
             "or _has_corner(interface, around)",
