@@ -26,8 +26,6 @@ from ddmpi.run.solve import solve
 from ddmpi.scene.reader import read_scene
 from ddmpi.system.memory import free_memory
 
-pytestmark = pytest.mark.slow
-
 METHODS = {"newton": {}, "relaxation": {"theta": 0.2}}
 
 
@@ -46,6 +44,7 @@ def solved(comm, method: dict) -> tuple:
     return assembly, answer, sum(taken)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("name", METHODS)
 def test_kinds_take_the_same_steps(comm, name):
@@ -74,6 +73,7 @@ def test_kinds_take_the_same_steps(comm, name):
             assert abs(count - usual) <= (0.02 if exact else 0.2) * usual
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("name", METHODS)
 def test_iterative_solves_follow_the_precision_that_is_needed(comm, name, petsc_options):
@@ -183,6 +183,7 @@ def test_order_shape_and_load_steps_decide_in_space(
     assert plan_compliance(A, B, None, np.inf, order == 2, solves)[0] == kind
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_memory_decides_in_a_run(comm, monkeypatch):
     """On one rank only: bodies of unlike kinds work together."""
@@ -194,6 +195,7 @@ def test_memory_decides_in_a_run(comm, monkeypatch):
     assert assembly.member.C.kind == ("explicit", "iterative")[comm.rank]
 
 
+@pytest.mark.slow
 def test_plan_says_what_was_chosen_and_why(tmp_path):
     scene = scenes.write_scene(pinched_blocks(6), tmp_path / "scene.toml")
     run = scenes.run_here(scene, tmp_path / "out", "--no-figures")
@@ -215,6 +217,7 @@ def test_plan_says_what_was_chosen_and_why(tmp_path):
     assert "upper, lower: direct solver, compliance direct (asked for)\n" in run.stdout
 
 
+@pytest.mark.slow
 def test_an_option_too_coarse_for_a_certificate_is_named(tmp_path):
     """Where -body_ksp_rtol allows no certified answer, the run ends at the first certificate and says so."""
     scene = scenes.write_scene(
@@ -238,6 +241,7 @@ def test_an_option_too_coarse_for_a_certificate_is_named(tmp_path):
     assert "going on" not in run.stdout and "TAO" not in run.stderr and "rounding" not in run.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_a_solver_that_fails_names_an_option_too_coarse(comm, petsc_options, monkeypatch):
     """A SolverError under a coarse -body_ksp_rtol names the option."""

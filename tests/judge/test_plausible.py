@@ -29,8 +29,6 @@ from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import read_mesh
 from ddmpi.scene.bodies import Material
 
-pytestmark = pytest.mark.slow
-
 STEEL = {"young": 2e11, "poisson": 0.3}
 
 
@@ -118,6 +116,7 @@ def test_what_no_contact_can_mean_is_refused(scene, words):
     assert all(each in str(error.value) for each in words)
 
 
+@pytest.mark.slow
 def test_a_large_initial_overlap_is_a_warning_and_every_one_is_in_the_plan(tmp_path):
     """A warning stands once on stderr and once in the summary."""
     for overlap, warned in ((0.5, True), (0.001, False)):
@@ -503,6 +502,7 @@ def test_warnings(scene, about, words):
     assert all(each in found[0] for each in words)
 
 
+@pytest.mark.slow
 def test_large_displacements_and_far_slips_are_warnings():
     """Small-strain theory carries neither a body that moves by its size nor pairs that slide past their neighbours."""
     scene = pinched_blocks(6, "none")
@@ -654,6 +654,7 @@ BooleanDifference(7) = { Surface{8}; Delete; }{ Surface{9}; Delete; };
 BooleanUnion(6) = { Surface{3}; Delete; }{ Surface{7}; Delete; };"""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rounding", "size", "order"), [("", 0.2, 1), ("", 0.1, 2), (FILLET, 0.1, 1), (FILLET, 0.1, 2)]
 )
@@ -833,6 +834,7 @@ def test_a_deep_overlap_between_nodes_is_a_warning(slave, scale):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("order", "rigid", "moved"), [(1, False, -1e-3), (2, False, 1e-3), (2, True, -1e-3)]
 )
@@ -879,6 +881,7 @@ def test_a_tip_that_no_row_feels_is_a_warning(order, rigid, moved, capfd):
     assert f"(at least {'0' if moved < 0 else '0.001'} apart)" in capfd.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("around", [(60, 52), (24, 90)])
 def test_a_shaft_in_a_bush_of_its_radius_overlaps_by_nothing(around, order):

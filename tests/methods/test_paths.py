@@ -21,8 +21,6 @@ from ddmpi.methods.paths import InteriorPoints, Softening, Station
 from ddmpi.run.solve import solve
 from ddmpi.scene.reader import read_scene
 
-pytestmark = pytest.mark.slow
-
 CONFIGS, PAD = scenes.ROOT / "configs", HARD / "pad.toml"
 
 
@@ -85,6 +83,7 @@ def test_a_step_ends_where_the_energy_is_least():
     assert min(found) < 1e-2 and max(found) == 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "steps", "products"),
     [
@@ -104,6 +103,7 @@ def test_hard_scenes_take_few_steps(scene, steps, products):
     assert summary["outer_iterations"] <= steps and made <= products
 
 
+@pytest.mark.slow
 def test_interior_points_that_jam_are_given_up_soon():
     """A row whose steps get shorter and shorter, or stay short: 79 steps where they are not given up."""
     assert scenes.certified(assembly_scenes.random_scene(523)).summary["outer_iterations"] <= 40
@@ -142,6 +142,7 @@ def lid_on_bent_plate(load: float) -> dict:
     }
 
 
+@pytest.mark.slow
 def test_a_small_load_beside_large_forces_is_carried():
     """10 N on a few of the lid's nodes, beside 6 kN of a bolt that keeps its offset: it was "no equilibrium found", as
     interior points began with 10 N."""
@@ -157,6 +158,7 @@ def test_a_small_load_beside_large_forces_is_carried():
     )
 
 
+@pytest.mark.slow
 def test_a_body_that_lay_without_a_load_begins_on_the_nodes_that_touch():
     """Where the first step took all of its nodes as open, springs alone held it: a residual of 1e5."""
     scene = read_scene("lid", lid_on_bent_plate(2000.0), [])
@@ -176,11 +178,13 @@ def test_a_body_that_lay_without_a_load_begins_on_the_nodes_that_touch():
     assert outer.history[0].residual < 1.0
 
 
+@pytest.mark.slow
 def test_stacks_where_bodies_slide_take_few_steps():
     """Softening alone gets nowhere there, and took over 40 steps."""
     assert scenes.certified(assembly_scenes.random_scene(897)).summary["outer_iterations"] <= 30
 
 
+@pytest.mark.slow
 def test_given_slip_bounds_need_no_path():
     """The lower one of the pinched blocks alone is loaded: 14 steps where the first ones were shortened."""
     friction = {"contact.0.friction": {"law": "tresca", "slip_bound": 1.2e7}}
@@ -193,6 +197,7 @@ def test_given_slip_bounds_need_no_path():
     assert answer.certified and answer.summary["outer_iterations"] <= 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("coefficient", [0.104, 0.2])
 def test_a_body_that_slides_off_is_named_where_interior_points_fail_too(coefficient):
     """Friction that the convex program believes in and elastic bodies do not find: b02 slides along -x."""
@@ -205,6 +210,7 @@ def test_a_body_that_slides_off_is_named_where_interior_points_fail_too(coeffici
     assert answer.summary["outer_iterations"] <= 60
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=[2, 3])
 def test_ranks_of_unequal_unknowns_end_alike(comm):
     """The scene that kept two ranks waiting for each other for ever; the same answer on any number of ranks."""
@@ -252,6 +258,7 @@ def slot(contrast: float) -> dict:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("contrast", [1e-2, 1e4])
 def test_stiff_bodies_cross_clearances_without_friction(contrast):
     """Bodies move a thousand times farther than they give way; without friction there is always an answer."""
@@ -288,6 +295,7 @@ def test_a_squeezed_block_that_friction_holds_is_not_condemned(friction):
     assert scenes.certified(squeezed(friction)).summary["outer_iterations"] <= 40
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("excess", [1.05, 2.0])
 def test_a_squeezed_block_past_its_limit_is_named_in_few_steps(excess):
     answer = ddmpi.solve(squeezed(0.0241 / excess), MPI.COMM_SELF)
@@ -337,6 +345,7 @@ def plug(
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fall", [1e-3, 1e-2])
 def test_a_plug_falls_far_beyond_elastic_displacements(fall):
     """Where a stage of softening leaves all nodes open, the body falls on, until there is something that stops it."""
@@ -348,6 +357,7 @@ def test_a_plug_falls_far_beyond_elastic_displacements(fall):
     )
 
 
+@pytest.mark.slow
 def test_a_plug_that_turns_between_four_walls_comes_to_rest():
     """Friction of 1.9 on four walls, all of it on discs: interior points with squares ended elsewhere."""
     scene = plug(4, 0.474, 1.9131, 4, [996.0, -923.0, -2707.0], 0.01)
@@ -388,6 +398,7 @@ def box_in_a_bore(divisions, radius, center, friction, push):
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scene",
     [
@@ -408,6 +419,7 @@ def test_a_box_in_a_bore_comes_to_rest(scene):
     assert scenes.certified(scene).summary["outer_iterations"] <= 100
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "scene", [scenes.pinched_blocks(6), solid_scenes.two_boxes(2)], ids=["plane", "space"]
 )
@@ -462,6 +474,7 @@ def test_bodies_on_their_way_to_a_contact_do_not_drift(way, ending, monkeypatch)
     assert newton.Newton(joint, 100).run(1e-8) == ending
 
 
+@pytest.mark.slow
 def test_small_forces_of_stiff_bodies_hold_them():
     """Beside forces that would close all gaps these are nothing, and yet no body is moved off its contacts."""
     assembly = scenes.prepare_scene(MPI.COMM_SELF, slot(1e4))

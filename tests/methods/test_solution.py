@@ -17,8 +17,6 @@ from ddmpi.methods.outer import no_report
 from ddmpi.run.solve import Iteration, Solution, solve
 from ddmpi.system.clock import Clock
 
-pytestmark = pytest.mark.slow
-
 two_ranks = pytest.mark.mpi(ranks=2)
 
 
@@ -36,6 +34,7 @@ def approach() -> dict:
     }
 
 
+@pytest.mark.slow
 @two_ranks
 @pytest.mark.parametrize("method", [{"theta": 0.2}, {}], ids=["relaxation", "newton"])
 def test_certificate_is_not_flattered_by_a_rigid_approach(comm, method):
@@ -96,6 +95,7 @@ def test_one_useless_round_is_not_the_last(monkeypatch, worst, rounds):
     assert answer.certified == (values[rounds - 1] <= answer.limit)
 
 
+@pytest.mark.slow
 @two_ranks
 def test_fallback_that_fails_on_one_rank_ends_on_both(comm, monkeypatch):
     monkeypatch.setattr(ddmpi.methods.newton, "PATIENCE", 0)
@@ -116,6 +116,7 @@ def test_fallback_that_fails_on_one_rank_ends_on_both(comm, monkeypatch):
     assert error.value.agreed
 
 
+@pytest.mark.slow
 @two_ranks
 @pytest.mark.parametrize("contrast", [1e-4, 1e4])
 def test_methods_agree(comm, contrast):

@@ -30,8 +30,6 @@ from ddmpi.scene.reader import read_scene
 from ddmpi.system import interrupt
 from ddmpi.system.clock import Clock
 
-pytestmark = pytest.mark.slow
-
 two_ranks = pytest.mark.mpi(ranks=2)
 
 VERSIONS = {name: "1" for name in ("ddmpi", "petsc", "numpy", "scipy")}
@@ -172,6 +170,7 @@ def interrupt_everywhere(comm, scene: dict, folder: Path, stride: int, monkeypat
         number += stride
 
 
+@pytest.mark.slow
 @two_ranks
 @pytest.mark.parametrize("kind", KINDS)
 def test_restart_gives_the_same_bits(comm, shared, monkeypatch, kind):
@@ -180,6 +179,7 @@ def test_restart_gives_the_same_bits(comm, shared, monkeypatch, kind):
     assert len(met) >= 3
 
 
+@pytest.mark.slow
 @two_ranks
 def test_restart_where_the_certificate_failed_and_the_tolerance_was_tightened(
     comm, shared, monkeypatch
@@ -190,6 +190,7 @@ def test_restart_where_the_certificate_failed_and_the_tolerance_was_tightened(
     assert len(interrupt_everywhere(comm, scene, shared, 97, monkeypatch)) >= 3
 
 
+@pytest.mark.slow
 @two_ranks
 def test_newtons_method_is_not_kept_within_a_load_step(comm, shared, monkeypatch):
     """Also not where it goes on as the certificate has failed: the state of the former end is none of this one."""
@@ -200,6 +201,7 @@ def test_newtons_method_is_not_kept_within_a_load_step(comm, shared, monkeypatch
     )
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=[1, 2])
 @pytest.mark.parametrize("kind", ["anderson", "relaxation"])
 def test_a_restored_state_is_the_whole_state(comm, shared, kind):
@@ -291,6 +293,7 @@ def count_writes(monkeypatch) -> list[int]:
     return written
 
 
+@pytest.mark.slow
 @two_ranks
 def test_every_so_many_iterations_and_none_by_default_in_a_short_run(comm, shared, monkeypatch):
     written = count_writes(monkeypatch)
@@ -302,6 +305,7 @@ def test_every_so_many_iterations_and_none_by_default_in_a_short_run(comm, share
     assert written == (list(range(4, len(result["history"]) + 1, 4)) if comm.rank == 0 else [])
 
 
+@pytest.mark.slow
 @two_ranks
 def test_every_so_many_seconds_by_the_clock_of_rank_0(comm, shared, monkeypatch):
     """The other rank's clock stands still; it is told when a checkpoint is due."""
@@ -319,6 +323,7 @@ def test_every_so_many_seconds_by_the_clock_of_rank_0(comm, shared, monkeypatch)
         assert written == []
 
 
+@pytest.mark.slow
 @two_ranks
 def test_a_run_goes_on_without_a_checkpoint_that_cannot_be_written(
     comm, shared, monkeypatch, caplog
@@ -336,6 +341,7 @@ def test_a_run_goes_on_without_a_checkpoint_that_cannot_be_written(
         assert len(caplog.messages) == len(reference["history"])
 
 
+@pytest.mark.slow
 @two_ranks
 @pytest.mark.parametrize("former", [True, False])
 def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(
@@ -354,6 +360,7 @@ def test_an_interruption_whose_checkpoint_cannot_be_written_says_so(
     assert listing(comm, shared) == [checkpoint.CHECKPOINT] * former
 
 
+@pytest.mark.slow
 @two_ranks
 @pytest.mark.parametrize(
     ("kind", "more", "scene"),
@@ -378,6 +385,7 @@ def test_results_that_cannot_be_written_leave_a_checkpoint(
     assert run(comm, scene, shared, restart=True) == reference
 
 
+@pytest.mark.slow
 @two_ranks
 def test_motions_that_loads_drive_stay_released(comm, shared, monkeypatch):
     """Going on from the end takes no iteration, also where the run held motions at first."""
@@ -423,6 +431,7 @@ def test_motions_that_loads_drive_stay_released(comm, shared, monkeypatch):
     assert run(comm, scene, shared, restart=True)["arrays"] == reference["arrays"]
 
 
+@pytest.mark.slow
 @two_ranks
 def test_another_mesh_is_refused_on_both_ranks(comm, shared, monkeypatch):
     """The scene names a mesh file; what is in the file may have changed."""

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
+from scenes import seldom
 
 import ddmpi
-
-pytestmark = pytest.mark.slow
 
 SHAPES = {
     2: {
@@ -96,12 +95,13 @@ def check(d: int, answer) -> None:
         )
 
 
-@pytest.mark.parametrize("d, order", [(2, 1), (2, 2), (3, 1)])
+@pytest.mark.parametrize("d, order", [seldom(2, 1), (2, 2), seldom(3, 1)])
 def test_forces_by_group_balance(d, order):
     """Every clamped group has one entry, each component at a shared node counts once, and bodies are in equilibrium."""
     check(d, ddmpi.solve(scene(d, order)))
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=3)
 @pytest.mark.parametrize("d", [2, 3])
 def test_forces_by_group_balance_on_several_ranks(comm, d):
@@ -109,6 +109,7 @@ def test_forces_by_group_balance_on_several_ranks(comm, d):
     check(d, ddmpi.solve(scene(d), comm))
 
 
+@pytest.mark.slow
 def test_the_last_clamp_that_holds_a_component_has_its_force():
     """Two groups that both hold their common node: together they have what a single group of both would have."""
     made = scene(2)
