@@ -141,12 +141,13 @@ def test_what_is_not_met_again_goes_first():
     kept = Kept()
     kept.begin(None)
     for name in "upper", "lower", "gone":
-        kept.get("factors", name, 1, Factors)
+        kept.get("factors", name, [name], Factors)  # unlike each other, or they would be one
         kept.get("mesh", name, 1, object)
+    assert Factors.alive == 3
     kept.begin(None)
-    kept.expect("factors", {"upper": 1, "lower": 2})
+    kept.expect("factors", {"upper": ["upper"], "lower": 2})
     assert Factors.alive == 1
-    for name, key in ("upper", 1), ("lower", 2):
+    for name, key in ("upper", ["upper"]), ("lower", 2):
         kept.get("factors", name, key, Factors)
         kept.get("mesh", name, 1, object)
     kept.end()

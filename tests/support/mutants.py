@@ -2753,7 +2753,7 @@ MUTANTS = [
             "coupling/assembly",
             "interface = replace(interface, law=law, layer=contact.layer, rub_history=contact.rubbing[1])",
             "del law",
-            f"{CHANGED}[held]",
+            f"{PRODUCTS}[coulombs friction that slips-axis-1-steps]",
         ),
         (
             "clamps of an image are those of the drawing",
