@@ -285,7 +285,7 @@ def drawn(folder) -> dict:
         seldom(
             "drawn",
             {
-                "method.target_error": 0.04,
+                "method.target_error": 0.008,
                 "body.0.clamp": [{"on": "top", "y": "-1e-3 * x"}, {"on": "right", "x": -1e-3}],
             },
         ),
