@@ -295,13 +295,14 @@ def animate(results: Results, folder: Path, title: str) -> Path:
 
     Colours are what output.animation asks for, see `coloured`; white is zero where signs differ. All frames have the
     same colours, limits and magnification: the one that suits the largest displacement of all. "pressure" is painted on
-    the contacts of bodies without displacements, in space drawn apart. Not collective. Raises OutputError.
+    the contacts of bodies without displacements, in space drawn apart; without contacts it is as the default. Not
+    collective. Raises OutputError.
     """
     import matplotlib.pyplot as plt
     from PIL import Image
 
     skin, output = skin_of(results), results.output
-    what = output.get("animation") or True
+    what = _asked(results)
     pressing = [contact["name"] for contact in pressed(results) if what == "pressure"]
     shown = [COMPONENTS[what][0] if what in COMPONENTS else "nodal_von_mises"]
     steps = partial(load_steps, results, folder, int(ANIMATION["frames"]))
@@ -348,6 +349,12 @@ def animate(results: Results, folder: Path, title: str) -> Path:
         frames.append(Image.fromarray(np.asarray(sheet.figure.canvas.buffer_rgba())).convert("RGB"))
     plt.close(sheet.figure)
     return _write_frames(folder / "animation.gif", frames)
+
+
+def _asked(results: Results) -> str | bool:
+    """What an animation shows, as of `coloured`: without contacts no pressures."""
+    what = results.output.get("animation") or True
+    return True if what == "pressure" and not pressed(results) else what
 
 
 def _ends(

@@ -7,7 +7,7 @@ from browser import unpacked
 from made_up_solids import stacked
 from matplotlib.colorbar import Colorbar
 
-from ddmpi.pictures.bodies import animate, draw_bodies
+from ddmpi.pictures.bodies import ANIMATION, animate, draw_bodies
 from ddmpi.pictures.browser import write_view
 from ddmpi.pictures.contacts import draw_contacts, draw_maps
 from ddmpi.pictures.scales import pressure_ends, stress_end
@@ -64,3 +64,14 @@ def test_pressures_have_one_scale(tmp_path, ends):
     values = legs["normal_stress"]
     assert most * 1e6 == limits(values, np.tile(area, 2) * (values != 0.0), 0.98)[1]
     plt.close("all")
+
+
+def test_pressures_of_no_contacts_are_stresses(tmp_path, ends, monkeypatch):
+    """An animation of bodies without contacts has nothing else to show, with the scale of all stresses."""
+    results = stacked(tmp_path, times=(1.0, 2.0))
+    results.summary["scene"]["output"]["animation"] = "pressure"
+    results.summary["scene"]["contact"] = []
+    monkeypatch.setitem(ANIMATION, "frames", 1)
+    animate(results, tmp_path, "")
+    end = pytest.approx((0.0, stress_end(results, tmp_path) / 1e6))
+    assert ends == {"von Mises stress": [end]}

@@ -5485,6 +5485,13 @@ MUTANTS = [
             "pictures/test_scales.py::test_pressures_have_one_scale",
         ),
         (
+            "an animation shows pressures where there are no contacts",
+            "pictures/bodies",
+            "True if what == 'pressure' and (not pressed(results)) else what",
+            "what",
+            "pictures/test_scales.py::test_pressures_of_no_contacts_are_stresses",
+        ),
+        (
             "cells are drawn inside out",
             "pictures/moved",
             "least = FLAT * np.abs(size)",
