@@ -3034,7 +3034,7 @@ MUTANTS = [
             "judge/motions",
             "for least in (RESISTED, COARSE))",
             "for least in (0.0, COARSE))",
-            f"{HELD}::test_a_load_aslant_leaves_no_moment",
+            "judge/test_equilibrium.py::test_undetermined_motions",
         ),
         (
             "nothing is too much for facets",

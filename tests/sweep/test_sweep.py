@@ -21,8 +21,6 @@ from ddmpi.sweep.table import find_column, numbers, read_table
 from ddmpi.system.files import UNFINISHED
 from ddmpi.system.provenance import whereabouts
 
-pytestmark = pytest.mark.slow
-
 COEFFICIENT, NEUMANN = (
     "contact.0.friction.coefficient",
     "ddmpi.published.published.Subproblem.neumann",
@@ -75,6 +73,7 @@ def mixed(small, tmp_path_factory) -> Run:
     return run_sweep(small, folder, *MIXED, "--plot", "n_A:method.max_iterations", *GIVEN, ranks=2)
 
 
+@pytest.mark.slow
 def test_failing_cases_do_not_stop_the_others(mixed):
     assert mixed.code == 3, mixed.output
     assert [row["status"] for row in rows(mixed)] == EXPECTED
@@ -89,6 +88,7 @@ def test_failing_cases_do_not_stop_the_others(mixed):
     assert "PETSc options that nothing used: not_an_option; " in lines[7]
 
 
+@pytest.mark.slow
 def test_the_table_has_reasons_and_repeats_the_summaries(mixed):
     """Of cases without an answer the columns are empty; their story is in their folders, a picture beside the table."""
     table = rows(mixed)
@@ -107,6 +107,7 @@ def test_the_table_has_reasons_and_repeats_the_summaries(mixed):
         assert "ddmpi sweep" in picture.text["Description"]
 
 
+@pytest.mark.slow
 def test_as_if_it_had_run_alone(mixed, small, tmp_path):
     """The same numbers to the last bit as the command makes, after six failures in the same processes."""
     alone = scenes.run_command(
@@ -129,6 +130,7 @@ def test_as_if_it_had_run_alone(mixed, small, tmp_path):
     assert summary["options_unused"] == ["not_an_option"]
 
 
+@pytest.mark.slow
 def test_again_only_what_has_no_results(mixed, small):
     """A list names all cases with their status; a plot can come later. Runs after the tests above."""
     listed = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "--list")
@@ -148,6 +150,7 @@ def test_again_only_what_has_no_results(mixed, small):
     assert (mixed.folder / "eff-method.max_iterations.png").is_file()
 
 
+@pytest.mark.slow
 def test_another_sweep_is_refused(mixed, small):
     before = {path: stamp(path) for path in mixed.folder.rglob("*")}
     run = run_sweep(small, mixed.folder, *MIXED, *GIVEN, "-body_ksp_rtol", "1e-3")
@@ -180,6 +183,7 @@ def faulty(
     return scenes.run_python(["-c", code], ranks, folder)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ranks", [1, 2])
 def test_a_mistake_of_the_program_ends_one_case(small, tmp_path, ranks):
     """It is recorded with its words and its traceback, and the cases after it have the answers of a sweep without it."""
@@ -196,6 +200,7 @@ def test_a_mistake_of_the_program_ends_one_case(small, tmp_path, ranks):
     assert again.code == 0 and "1 to run, 2 finished" in again.stdout
 
 
+@pytest.mark.slow
 def test_a_mistake_on_one_rank_ends_the_sweep_and_is_recorded(small, tmp_path):
     """Other ranks may wait for it; the sweep that is started again goes on with the cases after it."""
     run = faulty(small, tmp_path / "sweep", 2, [1])
@@ -213,6 +218,7 @@ def test_a_mistake_on_one_rank_ends_the_sweep_and_is_recorded(small, tmp_path):
 # Refused before any work
 
 
+@pytest.mark.slow
 def test_bad_input(small, tmp_path):
     run = run_sweep(small, tmp_path / "out", "--vary", "method.thetta=0.1,0.2", ranks=2)
     assert run.code == 2
@@ -221,6 +227,7 @@ def test_bad_input(small, tmp_path):
     assert not run.folder.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "varied", ["output.cut.x=1.0,9.0", "body.upper.mesh.origin=[0,1,0],[1e20,1,0]"]
 )
@@ -235,6 +242,7 @@ def test_what_only_meshes_show_is_refused_in_its_case_alone(tmp_path, varied):
 # Arrays, crashes, signals
 
 
+@pytest.mark.slow
 def test_tasks_of_an_array_share_a_folder(small, tmp_path):
     """Tasks that start at once run disjoint cases of one sweep in one folder."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.3:3"]
@@ -253,6 +261,7 @@ def test_tasks_of_an_array_share_a_folder(small, tmp_path):
     assert more.code == 3 and [row["status"] for row in rows(more)] == ["certified", "not run"]
 
 
+@pytest.mark.slow
 def test_a_case_that_another_process_runs_is_left_to_it(small, tmp_path):
     """The sweep goes on with the next case, and says at the end that one has no results."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.2:2", "--set", "output.figures=false"]
@@ -269,6 +278,7 @@ def test_a_case_that_another_process_runs_is_left_to_it(small, tmp_path):
     assert run_sweep(small, tmp_path / "out", *arguments).code == 0
 
 
+@pytest.mark.slow
 def test_a_single_case_ends_with_its_own_exit_code(small, tmp_path):
     run = run_sweep(
         small,
@@ -291,6 +301,7 @@ def inject(small: Path, folder: Path, target: str, call: int, what: str, *argume
     )
 
 
+@pytest.mark.slow
 def test_a_crash_costs_one_case(small, tmp_path):
     """The second of four dies with its processes; a new start takes the untried ones first, then all is there."""
     arguments = ["--vary", f"{COEFFICIENT}=0.1:0.4:4"]
@@ -306,6 +317,7 @@ def test_a_crash_costs_one_case(small, tmp_path):
     assert stamp(done[0]) == before
 
 
+@pytest.mark.slow
 def test_no_case_is_started_after_a_signal(small, tmp_path, monkeypatch):
     """A failing case does not stop the others, an interrupted one does."""
     started = []
@@ -321,6 +333,7 @@ def test_no_case_is_started_after_a_signal(small, tmp_path, monkeypatch):
     assert len(started) == 1
 
 
+@pytest.mark.slow
 def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tmp_path):
     arguments = [
         "--set",
@@ -353,6 +366,7 @@ def test_a_signal_ends_the_sweep_and_the_next_start_continues_the_case(small, tm
 # PETSc's options
 
 
+@pytest.mark.slow
 def test_options_do_not_leak_from_case_to_case(petsc_options):
     from petsc4py import PETSc
 
@@ -465,18 +479,27 @@ def test_labels(result, label):
     ]
 
 
+CROWDS = {
+    "log": [[1, 100], [2, 9, 50], [1, 2, 3, 4, 100], [0.1, 0.1, 1, 10]],
+    "linear": [[1, 20], [0.1, 0.2, 0.4, 0.9], [1, 60, 70, 80, 100], [0, 1, 100], [-1, 1, 100]],
+}
+"""Scales by values."""
+
+
+@pytest.mark.parametrize("scale", CROWDS)
+def test_values_that_crowd(scale):
+    """Positive values that are far apart, half of which are small."""
+    from ddmpi.sweep.plots import _crowds
+
+    assert {_crowds(values) for values in CROWDS[scale]} == {scale == "log"}
+
+
 @pytest.mark.parametrize(
     ("values", "scale"),
     [
-        ([1, 100], "log"),
-        ([1, 20], "linear"),
-        ([2, 9, 50], "log"),
-        ([0.1, 0.2, 0.4, 0.9], "linear"),
-        ([1, 2, 3, 4, 100], "log"),
-        ([1, 60, 70, 80, 100], "linear"),
-        ([0.1, 0.1, 1, 10], "log"),
-        ([0, 1, 100], "linear"),
-        ([-1, 1, 100], "linear"),
+        pytest.param(values, scale, marks=[] if k == 2 else pytest.mark.slow)
+        for scale, every in CROWDS.items()
+        for k, values in enumerate(every)
     ],
 )
 def test_an_axis_on_which_values_crowd(values, scale):
