@@ -442,6 +442,7 @@ def test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last()
         MPI.COMM_SELF,
     )
     assert answer.reason.startswith("no equilibrium: block would") and not answer.summary["steps"]
+    assert not len(answer.history)  # before any iteration
 
 
 def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path):
