@@ -40,8 +40,12 @@ else:
 """A group by name, a curve or face of a drawing by number or by what it is (`mesh.forms`), or a list of these, which are
 one group together."""
 
+CONTROLS = (
+    r"\x00-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069"  # of a screen, and those that turn words round
+)
+
 Name = Annotated[
-    str, msgspec.Meta(min_length=1, max_length=100, pattern=r"^[^.=/\s\x00-\x1f\x7f]*\Z")
+    str, msgspec.Meta(min_length=1, max_length=100, pattern=rf"^[^.=/\s{CONTROLS}]*\Z")
 ]
 """Name of a body or contact; it is a part of keys (``--set body.NAME.key=value``) and of file names."""
 

@@ -62,8 +62,9 @@ def _give_up(handler: logging.Handler, message: str) -> None:
 
 
 def printable(text: str) -> str:
-    """The text with characters that control a screen, such as NUL, in words; lines stay."""
-    return re.sub(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", lambda match: repr(match[0])[1:-1], text)
+    """The text with characters that control a screen, such as NUL, or turn words round in words; lines stay."""
+    controls = r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069]"
+    return re.sub(controls, lambda match: repr(match[0])[1:-1], text)
 
 
 def encodable(text: str, stream: IO[str]) -> str:

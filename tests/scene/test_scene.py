@@ -603,7 +603,8 @@ def test_names_are_given_once():
 
 
 @pytest.mark.parametrize(
-    "name", ["a.b", "a=b", "a/b", "a b", " a", "a\t", "a\n", "\u00a0", "a\u0001"]
+    "name",
+    ["a.b", "a=b", "a/b", "a b", " a", "a\t", "a\n", "\u00a0", "a\u0001", "\u009b2J", "a\u202eb"],
 )
 @pytest.mark.parametrize("table", ["body", "contact"])
 def test_names_are_parts_of_keys_and_files(table, name):

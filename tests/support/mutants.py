@@ -5822,6 +5822,20 @@ MUTANTS = [
             "decks/test_together.py::test_sets_that_are_no_one_rigid_body_are_refused",
         ),
         (
+            "names control a screen",
+            "scene/values",
+            "x9f",
+            "x7f",
+            "scene/test_scene.py::test_names_are_parts_of_keys_and_files",
+        ),
+        (
+            "messages turn words round",
+            "system/logs",
+            "u202e",
+            "u202d",
+            "cli/test_strangers.py::test_a_deck_controls_no_terminal",
+        ),
+        (
             "lever arms of gaps make a run hopeless",
             "run/solve",
             "lambda: self._past_meshes(least) is not None",
