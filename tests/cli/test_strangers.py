@@ -220,14 +220,12 @@ def test_names_are_no_formulas(tmp_path, name):
 def test_a_deck_controls_no_terminal(tmp_path):
     """Names that it prints have their control characters in words, those beyond ASCII too."""
     deck = (
-        BOX.replace("A_Z0", "A\x1b[2J\x9b0m\u202e")
-        + STEEL
-        + "*SOLID SECTION, ELSET=A, MATERIAL=STEEL\n"
+        BOX.replace("A_Z0", "A\x1b[2J\x9b0m") + STEEL + "*SOLID SECTION, ELSET=A, MATERIAL=STEEL\n"
     )
-    deck += "*SURFACE, NAME=\x1b]0;x\x07\n1, S1\n2, S4\n*BOUNDARY\nA_X0, 1, 3\n"
+    deck += "*SURFACE, NAME=\x1b]0;x\x07\u202e\n1, S1\n2, S4\n*BOUNDARY\nA_X0, 1, 3\n"
     deck += (
         "*SURFACE, NAME=B\n2, S6\n"
-        + "*TIE, NAME=T\n\x1b]0;x\x07, B\n"
+        + "*TIE, NAME=T\n\x1b]0;x\x07\u202e, B\n"
         + step("*DLOAD", "1, P1, 1.")
     )
     (tmp_path / "deck.inp").write_text(deck)
