@@ -190,7 +190,7 @@ def _doubt_itself(
     if not own.depth:
         return {}
     words = (
-        f"body.{name} penetrates itself by {own.depth:.3g} {unit}, as at {in_words(own.place, 4)}, where no contact "
+        f"body.{name} penetrates itself by {own.depth:.3g} {unit} or more, as at {in_words(own.place, 4)}, where no contact "
         f'keeps its sides apart; if they may touch, add a contact with bodies = ["{name}", "{name}"]'
     )
     return {(False, number, number): Doubt(words, "itself", own.depth, f"body.{name}")}
