@@ -570,14 +570,14 @@ class Model:
         self._renew("forces", card)
         for row in card.rows:
             for node in self._nodes(card, row[0]):
-                way = component(row[1])
-                if way > (6 if node in self._refs else 3):
+                k = component(row[1])
+                if k > (6 if node in self._refs else 3):
                     if number(entry(row, 2, "0")):
                         self.notes.lost(card, "moments at nodes")
-                elif node in self.bolt_nodes and way > 1 and number(row[2]):
+                elif node in self.bolt_nodes and k > 1 and number(row[2]):
                     self.notes.lost(card, "a pre-tension has the component 1 alone")
                 else:
-                    self._add("forces", (node, way), card, number(row[2]))
+                    self._add("forces", (node, k), card, number(row[2]))
 
     def _on_dload(self, card: Card) -> None:
         surface = card.word == "DSLOAD"
