@@ -232,6 +232,17 @@ def test_a_pushed_block_slides_beyond_it(force):
     assert 0.7 * excess < found(pushed(force)).imbalance < excess
 
 
+@pytest.mark.parametrize("weight", [1.0, 1e-2, 1e-5])
+def test_light_bodies_fall_as_fast_as_heavy_ones(weight):
+    """A mechanism tells accelerations: those of two equal blocks that nothing holds are the same, whatever they weigh."""
+    scene = pushed(0.0).box("heavy", 0, 3, 1, 1).box("light", 4, 3, 1, 1, weight=weight)
+    mechanism = found(scene)
+    assert [body.name for body in mechanism.bodies] == ["block", "heavy", "light"]
+    assert mechanism.velocities[0] == pytest.approx(np.zeros(3), abs=1e-6)
+    for v in mechanism.velocities[1:]:
+        assert v == pytest.approx([0.0, -1.0, 0.0], abs=1e-6)
+
+
 @pytest.mark.parametrize("force, tips", [(2.99, False), (3.01, True), (5.0, True)])
 def test_a_block_that_is_pushed_hard_slides_and_tips(force, tips):
     """A push at a quarter of the height, below the centre, lifts the front of the block that it accelerates, if its

@@ -3765,7 +3765,7 @@ MUTANTS = [
             "judge/equilibrium",
             "root / np.sqrt(mass)",
             "root",
-            f"{EQUILIBRIUM}::test_what_stands_and_what_moves",
+            f"{EQUILIBRIUM}::test_light_bodies_fall_as_fast_as_heavy_ones",
         ),
         (
             "one end of a straight contact is lost",
