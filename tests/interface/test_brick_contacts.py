@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from bricks import grid
 from mpi4py import MPI
-from scenes import certified, seldom
+from scenes import certified, seldom, the_interface
 
 import ddmpi
+from ddmpi.coupling.assembly import prepare
 from ddmpi.surface.side import bilinear
 
 STEEL = {"young": 2e11, "poisson": 0.3}
@@ -97,6 +98,19 @@ def test_a_fit_of_tubes_is_better_than_their_cut(order, most):
         exact = 1e-4 * 2e11 / 1.3 / ((0.4 + 0.25) / 0.75 + (0.4 + 4.0) / 3.0)
         errors.append(np.abs(answer.contacts["shaft-hub"].pressure / exact - 1.0).max())
     assert errors[0] < most and errors[0] < errors[1]
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_gaps_of_drawn_tubes_are_those_of_their_arcs(order):
+    """Facets of both halves of a quadrilateral bulge: chords lie many times the overlap off the arcs."""
+    bodies = [
+        {"name": name, "mesh": tube(*radii, (2, n, 1), order, False), "material": STEEL}
+        for name, radii, n in (("shaft", (0.5, 1.0), 8), ("hub", (0.9998, 2.0), 12))
+    ]
+    scene = {"body": bodies, "contact": [{"bodies": ["shaft", "hub"], "on": ["right", "left"]}]}
+    with ddmpi.prepare(scene, MPI.COMM_SELF) as model:
+        interface = the_interface(prepare(MPI.COMM_SELF, model.settle()))
+    assert interface.opening == pytest.approx(np.full(interface.m, -2e-4), abs=4e-5)
 
 
 @pytest.mark.parametrize("order", [1, seldom(2)])

@@ -3892,7 +3892,7 @@ MUTANTS = [
             "surface/patch",
             "self.xy[self.simplices[facets]], normals[facets]",
             "self.xy[self.simplices[facets % len(self.facets)]], normals[facets]",
-            "interface/test_brick_contacts.py::test_a_fit_of_tubes_is_better_than_their_cut",
+            "interface/test_brick_contacts.py::test_gaps_of_drawn_tubes_are_those_of_their_arcs",
         ),
         (
             "values beyond what rows have are drawn",
