@@ -8,7 +8,7 @@ from solid_scenes import box
 
 from ddmpi.interface.interface import Lines
 from ddmpi.mesh.elements import facet_measures
-from ddmpi.results.fields import contact_fields, drawn_facets
+from ddmpi.results.fields import by_kind, contact_fields, drawn_facets
 from ddmpi.results.tables import write_contact
 from ddmpi.results.xdmf import write_surface
 
@@ -254,3 +254,14 @@ def test_a_facet_at_the_axis_is_drawn_though_a_node_has_no_area(axisymmetric, fi
     xy = np.array([[0.0, 0.3], [0.1, 0.3], [0.2, 0.3]])
     lines = Lines(np.array([0, 0, 1]), xy, np.array([1e-9, 0.1, 0.1]), np.array([[0, 1], [1, 2]]))
     assert drawn_facets(lines, axisymmetric).tolist() == [*first, [1, 2]]
+
+
+def test_cells_of_several_kinds_among_each_other():
+    """Rows of triangles and quadrilaterals, and of tetrahedra and bricks, are filled up by −1."""
+    mixed = np.array([[0, 1, 2, -1], [2, 3, 4, 5], [5, 6, 0, -1]])
+    assert [(some.tolist(), own.tolist()) for _, some, own in by_kind(mixed, 2)] == [
+        ([0, 2], [[0, 1, 2], [5, 6, 0]]),
+        ([1], [[2, 3, 4, 5]]),
+    ]
+    filled = np.vstack([np.arange(8), [*range(4), -1, -1, -1, -1]])
+    assert [own.shape for _, _, own in by_kind(filled, 3)] == [(1, 4), (1, 8)]

@@ -3825,11 +3825,25 @@ MUTANTS = [
             "results/test_outlines.py::test_a_facet_at_the_axis_is_drawn_though_a_node_has_no_area",
         ),
         (
+            "moduli at a temperature in the order of the deck",
+            "decks/material",
+            "np.interp(heat, at[order], column[order])",
+            "np.interp(heat, at, column)",
+            "decks/test_material.py",
+        ),
+        (
+            "ratios of a stiffness the other way",
+            "decks/material",
+            "-S[1, 0] * young[0]",
+            "-S[1, 0] * young[1]",
+            "decks/test_material.py",
+        ),
+        (
             "cells of one kind among others as if all had as many nodes",
             "results/fields",
             "number = (cells >= 0).sum(axis=1)",
             "number = (cells >= -1).sum(axis=1)",
-            "products/test_products.py::test_a_feature_in_bricks",
+            "results/test_outlines.py::test_cells_of_several_kinds_among_each_other",
         ),
         (
             "halves of a brick turned",
