@@ -328,14 +328,18 @@ class FarMarch(March):
     def _gone(self, alpha: np.ndarray) -> tuple[Freed, float]:
         """How far free frames have gone after a share of the motions α, all of it unless they turn far; the share."""
         assembly, before = self.assembly, self.assembly.placement.freed
-        changes = {}
-        for name, gone in before.items():
-            along = alpha[assembly.joint.slices[name]]
-            changes[name] = assembly.free[name].gone(gone, assembly.frames[name], along) - gone
+
+        def after(alpha: np.ndarray) -> Freed:
+            along = {name: alpha[assembly.joint.slices[name]] for name in before}
+            return {
+                name: assembly.free[name].gone(gone, assembly.frames[name], along[name])
+                for name, gone in before.items()
+            }
+
         turned = slice(assembly.scene.dimension, None)
-        most = max(norm(change[turned]) for change in changes.values())
+        most = max(norm((gone - before[name])[turned]) for name, gone in after(alpha).items())
         share = FARTHEST / max(most, FARTHEST)
-        return {name: before[name] + share * change for name, change in changes.items()}, share
+        return after(share * alpha), share
 
     def _forces(self, mark: Mark) -> np.ndarray:
         return _forces_of(

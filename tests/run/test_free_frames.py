@@ -300,6 +300,26 @@ def test_steps_before_the_last_of_a_leg_roll():
     assert FarMarch._too_short(march) == pytest.approx(np.radians(10.0) ** 2 / 6.0)
 
 
+def test_a_share_of_a_motion_does_not_depend_on_the_place():
+    """A body far from the origin that would turn by 200 degrees turns by the most of a pass, about its middle, which goes
+    by as much of its way: not by a share of what a turn about the origin shifts."""
+    middle, way, still = np.array([10.0, -3.0]), np.array([0.1, 0.2]), Frame.of((0.0, 0.0))
+    free = FreeFrame.of(None, np.array([[9.0, -3.5], [11.0, -2.5]]))
+    march = SimpleNamespace(
+        assembly=SimpleNamespace(
+            free={"disc": free},
+            frames={"disc": still},
+            joint=SimpleNamespace(slices={"disc": slice(0, 3)}),
+            placement=SimpleNamespace(freed={"disc": np.zeros(3)}),
+            scene=SimpleNamespace(dimension=2),
+        )
+    )
+    freed, share = FarMarch._gone(march, np.append(way, np.radians(200.0) * free.size))
+    gone = freed["disc"]
+    assert share == pytest.approx(15.0 / 200.0) and gone[2] == pytest.approx(15.0)
+    assert Frame.of(gone[:2], gone[2:]).at(middle) == pytest.approx(middle + share * way)
+
+
 def eccentric(beside: float, angle: float, around: int = 40, layers: int = 4) -> dict:
     """The mesh of a disc of radius 1.8 with a hole of 1.05 round (0, -0.05), whose middle is off the hole's by `beside`,
     `angle` degrees from below; of triangles."""

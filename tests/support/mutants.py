@@ -5068,6 +5068,13 @@ MUTANTS = [
             f"{FREE}::test_a_wheel_that_slips_needs_no_steps_to_roll",
         ),
         (
+            "frames go by a share of where a whole motion takes them",
+            "run/places",
+            "return (after(share * alpha), share)",
+            "return ({k: before[k] + share * (x - before[k]) for k, x in after(alpha).items()}, share)",
+            f"{FREE}::test_a_share_of_a_motion_does_not_depend_on_the_place",
+        ),
+        (
             "the first rank knows the sides of its own contacts alone",
             "run/places",
             "for contact in scene.contact}",
