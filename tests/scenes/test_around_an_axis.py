@@ -8,8 +8,6 @@ from scenes import COULOMB, FLOOR, certified, rectangle
 
 import ddmpi
 
-pytestmark = pytest.mark.slow
-
 TIGHT = {"method": {"tolerance": 1e-12}}
 
 
@@ -45,6 +43,7 @@ def pressed(
     return scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order, more", [(2, {}), (1, {"loose": True})], ids=["held", "loose"])
 def test_multigrid_knows_the_motion_along_the_axis(order, more):
     """Products by multigrid give the answer of dense compliances."""
@@ -56,6 +55,7 @@ def test_multigrid_knows_the_motion_along_the_axis(order, more):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_published_iteration(comm):
     """The published iteration and its Anderson form find what Newton's method finds."""
@@ -107,6 +107,7 @@ def test_a_row_that_half_moves_is_kept_in_all_units(length):
     assert found(Elsewhere(length=length).scene(scene)).summary["contacts"]["upper-lower"]["m"] == 3
 
 
+@pytest.mark.slow
 def test_clamping_the_axis_is_needless():
     """With and without a clamp at x = 0 the answer is the same, to the last bit, and that clamp bears nothing."""
     scene = pressed(2)
@@ -117,6 +118,7 @@ def test_clamping_the_axis_is_needless():
     assert other.summary["bodies"]["upper"]["reactions"]["left"]["force"] == [0.0, 0.0]
 
 
+@pytest.mark.slow
 def test_target_error_refines_the_meshes():
     """An accuracy target is met by meshes that stay around the axis."""
     scene = pressed(2, law={"law": "none"}) | {"method": {"target_error": 0.003}}

@@ -5,8 +5,6 @@ import pytest
 from scenes import COULOMB, FLOOR, assert_refused, certified, rectangle
 from solid_scenes import box
 
-pytestmark = pytest.mark.slow
-
 GROWS = {
     "history": {"fit": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 1.0, 0.5]}},
     "time": {"points": [1.0, 2.0]},
@@ -48,6 +46,7 @@ def boxes(gap, **contact) -> dict:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("scene", "value"),
     [
@@ -87,6 +86,7 @@ def test_a_gap_follows_its_history(scene, value):
     assert energy["external_work"] == pytest.approx(energy["strain_energy"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_an_overlap_of_clamped_nodes_is_none_of_the_answer():
     """Between clamps a fit stays as it is drawn, also where it follows a history that turns its sign."""
     scene = rings({"value": -1e-4, "history": "fit"}) | GROWS
@@ -99,6 +99,7 @@ def test_an_overlap_of_clamped_nodes_is_none_of_the_answer():
     assert not [each for each in certified(scene).summary["warnings"] if "overlap" in each]
 
 
+@pytest.mark.slow
 def test_a_gap_that_closes_is_a_body_that_is_let_down():
     """While a block is pushed aside it is let down on a plane: by its clamp, or by its gap. The slip is the same."""
 

@@ -7,8 +7,6 @@ from scenes import assert_refused, certified, rectangle
 
 import ddmpi
 
-pytestmark = pytest.mark.slow
-
 YOUNG, POISSON, PRESSURE = 1e9, 0.3, 1e6
 CONFINED = YOUNG * (1 - POISSON) / (1 + POISSON) / (1 - 2 * POISSON)
 STEEL = {"young": YOUNG, "poisson": POISSON}
@@ -46,6 +44,7 @@ def test_every_compliance_knows_of_the_springs(solver):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_curved_foundation(order):
     """A ring that a pressure widens against springs around it: Lamé with p = k u at the rim."""
@@ -132,6 +131,7 @@ def beside(
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("solid", [False, True])
 @pytest.mark.clarabel
 def test_what_a_foundation_leaves(solid):

@@ -35,8 +35,6 @@ from ddmpi.results.tables import read_results
 from ddmpi.run.gather import StepLog
 from ddmpi.run.steps import MARKS, March
 
-pytestmark = pytest.mark.slow
-
 SHIFTS, SHEARS = (0.0, 1.0, 2.0, 0.0, -1.0, 0.0), (0.0, 1.0, 1.0, -1.0, -1.0, 0.0)
 """How far a pressed stack is shifted, over what makes it slip; its shear stress, over the slip bound."""
 
@@ -163,6 +161,7 @@ def test_friction_remembers_how_it_was_sheared(steps):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("stuck", "slipped", "percent"), [(0.78, 9.0, 11), (0.82, 9.0, 0)])
 def test_given_steps_that_are_too_long_for_energies_are_told(stuck, slipped, percent):
     """In a step that begins at a part of the slip bound and ends with slip, contacts take ½ (1 + part) of what friction
@@ -203,6 +202,7 @@ def test_no_friction_is_blamed_for_more_than_it_dissipates():
     assert log.excess({"energies": ()}) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_proportional_load_dissipates_the_same_in_any_number_of_steps():
     """Blocks that slide as they are pressed: friction dissipates all that the contacts take, also without [time]."""
     scene = pressed_blocks([0.0, 1.0]) | {"method": {"tolerance": 1e-10}}
@@ -221,6 +221,7 @@ def test_a_proportional_load_dissipates_the_same_in_any_number_of_steps():
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", [COULOMB, {"law": "none"}])
 def test_what_is_unloaded_is_zero(caplog, law):
     """Zero, not what rounding leaves of factors; loaded again all is as before; the certificate is the worst one."""
@@ -243,6 +244,7 @@ def test_what_is_unloaded_is_zero(caplog, law):
     assert all(np.abs(body["reaction"]).max() <= 1e-9 for body in answer.summary["bodies"].values())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("little", [1e-3, 1e-8, 1e-9])
 def test_a_small_load_after_a_large_one_is_solved_by_itself(little):
     """What is left of a load is no rounding: without friction all is in proportion.
@@ -275,6 +277,7 @@ def test_one_load_step_is_the_run_without_time():
     assert any("nothing follows a history" in warning for warning in timed.summary["warnings"])
 
 
+@pytest.mark.slow
 def test_forces_of_a_history_are_not_those_of_its_end():
     """What is left after pulling depends on the way; the number of steps on a leg does not matter here."""
     answers = [certified(sheared_blocks(steps=steps)) for steps in (1, 4)]
@@ -296,6 +299,7 @@ def test_forces_of_a_history_are_not_those_of_its_end():
     assert [step.update for step in newton.history] == [0.0] and newton.history[0].residual <= 1e-9
 
 
+@pytest.mark.slow
 def test_legs_are_solved_in_as_many_steps_as_the_tolerance_asks_for():
     """Where nodes slip while they come into contact, the forces come as close to those of many steps as is asked."""
     fine = certified(circle(steps=64)).contacts["soft-hard"]
@@ -318,6 +322,7 @@ def test_legs_are_solved_in_as_many_steps_as_the_tolerance_asks_for():
     )
 
 
+@pytest.mark.slow
 def test_an_overlap_that_acts_at_once_asks_for_no_steps():
     """An overlap of constant size is pressing a clamp down by as much, also in the number of load steps."""
     pressed, overlapping = certified(sheared(1e-4)), certified(sheared(0.0, gap=-1e-4))
@@ -326,6 +331,7 @@ def test_an_overlap_that_acts_at_once_asks_for_no_steps():
     assert same[0] == pytest.approx(same[1], rel=1e-5)
 
 
+@pytest.mark.slow
 def test_gaps_that_close_within_the_first_step_do_not_agree_by_accident():
     """One step and two of a leg would place the slip of all nodes that touch alike, and wrongly."""
 
@@ -386,6 +392,7 @@ def noted_marches(monkeypatch):
     return marches
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ending", ["max_iterations", "drift"])
 def test_a_step_that_fails_is_halved_from_the_state_before(monkeypatch, ending):
     """The forces after a cut are those of a run that was asked for the shorter steps."""
@@ -445,6 +452,7 @@ def test_a_load_that_nothing_holds_at_first_is_named_though_it_is_held_at_last()
     assert not len(answer.history)  # before any iteration
 
 
+@pytest.mark.slow
 def test_adaptive_steps_go_on_from_wherever_they_were(tmp_path):
     """From checkpoints here and there, in legs of large, of smaller and of no forces."""
     times = [0.0, 1.0, 2.0, 3.0, 4.0]
@@ -483,6 +491,7 @@ def test_a_restored_march_is_the_whole_one(monkeypatch):
         np.testing.assert_equal(known(fresh), expected)
 
 
+@pytest.mark.slow
 def test_files_of_load_steps(tmp_path):
     """Fields of the legs' ends are a time series; tables have a line per step; a picture has the loop of forces."""
     scene = write_scene(sheared_blocks(steps=2), tmp_path / "scene.toml")
@@ -517,6 +526,7 @@ def test_files_of_load_steps(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_the_step_of_the_largest_load_is_shown(tmp_path):
     """Pictures and report are those of a run that ends there, or at another step; their titles say which."""
     folders = {}
@@ -615,6 +625,7 @@ def test_clamps_that_contradict_each_other_by_their_histories_are_refused():
         ddmpi.solve(scene, MPI.COMM_SELF)
 
 
+@pytest.mark.slow
 def test_motions_that_come_back_are_doubted():
     """A stack that slides far and comes back is warned of once, with the time; one that slides a little is not."""
     scene, *_ = turned_stack(steps=1)
@@ -626,6 +637,7 @@ def test_motions_that_come_back_are_doubted():
         assert not warned or told[0].endswith("(at time 2)")
 
 
+@pytest.mark.slow
 def test_unloading_dissipates_no_more_than_the_loads_did():
     """A blade slides back in its slot: slip begins within a step whose forces agree; energies ask for more steps."""
     scene = tomllib.loads(

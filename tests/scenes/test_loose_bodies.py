@@ -9,8 +9,6 @@ import ddmpi
 from ddmpi.errors import InputError
 from ddmpi.run.answer import Answer
 
-pytestmark = pytest.mark.slow
-
 WEIGHT = 1.0e5
 
 
@@ -114,6 +112,7 @@ def test_an_open_node_that_sticks_by_tresca_friction_holds_its_body():
     assert answer.summary["undetermined"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_round_pin_turns_freely_whatever_the_meshes(order):
     """Where meshes do not match, normals that are a little off resist its turning; it is said to turn freely still."""

@@ -6,8 +6,6 @@ from scenes import certified, pinched_blocks, rectangle
 
 from ddmpi.errors import InputError
 
-pytestmark = pytest.mark.slow
-
 YOUNG, POISSON, PRESSURE = 1e9, 0.3, 1e6
 orders = pytest.mark.parametrize("order", [1, 2])
 
@@ -52,6 +50,7 @@ def press(group: str = "top") -> dict:
     return {"on": group, "value": [0.0, -PRESSURE]}
 
 
+@pytest.mark.slow
 @orders
 @pytest.mark.parametrize("held", ["clamps", "bonds"])
 def test_two_leaves_held_at_one_end(held, order):
@@ -136,6 +135,7 @@ def plates(seed: int) -> dict:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(2))
 def test_bodies_that_meet_at_a_point_do_not_run_through_each_other(seed):
     """Diagonally across a point of four bodies, their corners overlap as the meshes of its contacts do."""
@@ -143,6 +143,7 @@ def test_bodies_that_meet_at_a_point_do_not_run_through_each_other(seed):
     assert [each for each in answer.summary["warnings"] if "penetrate" in each] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["none", "coulomb"])
 def test_a_clamped_end_costs_no_iterations(law):
     """Where a clamp holds the end of the slave, a solve takes no more multiplications than on matching meshes."""

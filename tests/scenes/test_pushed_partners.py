@@ -9,8 +9,6 @@ from solid_scenes import box
 import ddmpi
 from ddmpi.run import equilibrium, report
 
-pytestmark = pytest.mark.slow
-
 YOUNG, FORCE = 1e9, 1e6
 SHAPES = {
     2: {
@@ -151,6 +149,7 @@ def vice(d: int, force: float, weight: float) -> dict:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", [2, 3])
 @pytest.mark.clarabel
 def test_a_pushed_jaw_holds_a_loose_body(d):
@@ -179,6 +178,7 @@ def test_a_push_that_nothing_bears(d):
     )
 
 
+@pytest.mark.slow
 def test_without_clarabel_the_question_is_not_asked(tmp_path, monkeypatch):
     """The log says so once, and what to install; scenes that have an answer are solved."""
     for module in (equilibrium, report):
@@ -190,6 +190,7 @@ def test_without_clarabel_the_question_is_not_asked(tmp_path, monkeypatch):
     assert not refused(vice(2, FORCE, 2.0 * 0.3 * FORCE)).startswith("no equilibrium:")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("d", [2, 3])
 def test_load_steps(d):
     """Works balance; without friction a partner that is pushed and moved aside goes as far as in one step."""
