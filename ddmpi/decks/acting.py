@@ -421,10 +421,7 @@ class Acts:
         histories = set[History]()
         for node in own:
             k = piece.place[node]
-            acting = self.kinds["heat"][node]
-            # courses begin at zero; temperatures at the initial one
-            warm = tuple((time, value - start[k] if time else 0.0) for time, value in acting.course)
-            rise, history = self.factor(acting._replace(course=warm))
+            rise, history = self.factor(self.kinds["heat"][node])
             end[k] = start[k] + rise
             if rise:
                 histories.add(history)

@@ -204,18 +204,20 @@ class Deck:
             raise DeckError(f"the set {word} is empty")
         return found
 
-    def ends(self, card: Card, name: str) -> Iterator[End]:
-        """The elements of a surface of element faces, and the numbers of their faces. Raises DeckError."""
+    def ends(self, card: Card, name: str) -> list[End]:
+        """The elements of a surface of element faces, and the numbers of their faces, each face once. Raises
+        DeckError."""
         key = self.key("SURFACE", card.scope, name)
         if key is None:
             raise DeckError(f"there is no surface {name} of element faces")
+        found: list[End] = []
         for what, where in self.sets["SURFACE"][key]:
             if not re.fullmatch(r"[SE]\d", where):
                 raise DeckError(
                     f"the surface {name} has a side {where or '(none)'} that is no face S1 to S6"
                 )
-            for one in sorted(self.members("ELSET", what)):
-                yield one, int(where[1])
+            found += [(one, int(where[1])) for one in sorted(self.members("ELSET", what))]
+        return [*dict.fromkeys(found)]
 
     def stands(self, card: Card) -> Card:
         """A card of directions or of an axis, such as *ORIENTATION, as it is where its instance stands. Raises

@@ -63,7 +63,7 @@ class Model:
     supports, forces : by node and component
     pressures : by element and face: pressure, or with the components of TRVEC a traction
     body_forces : by set, instance, kind, and the constant and slopes (12,) of the force over its value
-    heat : by node the temperatures
+    heat : by node the temperatures over the initial ones
     heated : *TEMPERATURE and its nodes, of each data line
     start : initial temperatures by node
     equations : by the node and component of their first term: keyword, and node, component and coefficient of all terms
@@ -174,7 +174,7 @@ class Model:
         heat = self.kinds["heat"]
         return np.array(first), np.array(
             [
-                heat[node].course[-1][1] if node in heat else before
+                before + heat[node].course[-1][1] if node in heat else before
                 for node, before in zip(nodes, first, strict=True)
             ]
         )
@@ -298,21 +298,29 @@ class Model:
                     words = "a support that begins in a later step"
                     self.changing.append((fresh[key][0], words))
                 old = acting.get(key, nothing)
-                if (new := self._followed(kind, old, fresh.get(key), begin, end)) is None:
+                first = self.start.get(key, 0.0) if kind == "heat" else 0.0
+                if (new := self._followed(kind, old, fresh.get(key), begin, end, first)) is None:
                     del acting[key]
                 else:
                     acting[key] = new
         self.ends.append(end)
 
     def _followed(
-        self, kind: str, old: Acting, fresh: tuple[Card, float] | None, begin: float, end: float
+        self,
+        kind: str,
+        old: Acting,
+        fresh: tuple[Card, float] | None,
+        begin: float,
+        end: float,
+        first: float,
     ) -> Acting | None:
-        """A load or support to the end of a step, which gives it a `fresh` value or none; None for a support that ends
-        with OP=NEW."""
+        """A load or support to the end of a step, which gives it a `fresh` value or none, as what is over the `first`
+        one of a temperature; None for a support that ends with OP=NEW."""
         card, value = fresh or (old.card, old.value)
         on: Iterable[tuple[float, float]] = ()
         if fresh or (kind not in self._renewed and self._goes_on(card)):
-            on = self._course(card, value, begin, end)
+            given = self._course(card, value, begin, end)
+            on = [(time, one - first) for time, one in given]
         elif kind in self._renewed and kind == "supports":
             self.changing.append((card, "a support that ends before a later step"))
             return None

@@ -766,3 +766,33 @@ def test_heat_of_a_body_whose_materials_do_not_all_expand(tmp_path):
     assert body["temperature"] == pytest.approx(50.0)
     given = [material.get("expansion", 0.0) for material in body["material"]]
     assert sorted(given) == pytest.approx([0.0, 1.2e-5])
+
+
+def test_a_face_twice_in_a_surface_has_its_pressure_once(tmp_path):
+    """Faces that are in several sets of a surface, or there by number too, are one face each."""
+    top = "*ELSET, ELSET=LEFT\n9, 11\n*ELSET, ELSET=TOP\nLEFT, 10, 12\n*SURFACE, NAME=S\n"
+    push = step("*DSLOAD", "S, P, 3.")
+    once, twice = (
+        imported(tmp_path, BOX + ROLLERS + top + faces + push)[0]
+        for faces in ("TOP, S2\n", "9, S2\nTOP, S2\nLEFT, S2\n")
+    )
+    assert once == twice and once["body"][0]["traction"] == [{"on": "S", "pressure": 3.0}]
+
+
+@pytest.mark.parametrize("second", ["*TEMPERATURE\nALL, {}\n", "*TEMPERATURE, OP=NEW\nA_Z0, {}\n"])
+def test_temperatures_begin_and_end_at_the_initial_ones(tmp_path, second):
+    """In later steps as in the first one: the thermal strain of one expansion does not depend on where zero is."""
+    deck = BOX + ROLLERS + "*NSET, NSET=ALL, GENERATE\n1, 36\n*SURFACE, NAME=S\n9, S2\n"
+    deck += "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, {}\n"
+    warm = "*TEMPERATURE\nALL, {}\n" if "OP=NEW" in second else ""
+    deck += step("*DSLOAD\nS, P, 1.", warm) + step(second)
+    values = (100.0, 0.0) if warm else (100.0,)
+    scenes = [
+        imported(tmp_path, deck.format(zero, *(zero + value for value in values)))[0]
+        for zero in (0.0, 20.0)
+    ]
+    assert scenes[0] == scenes[1]
+    heat = scenes[1]["body"][0]["temperature"]
+    factors = scenes[1]["history"][heat["history"]]["factors"]
+    assert heat["value"] == pytest.approx(100.0)
+    assert factors == ([0.0, 1.0, 0.0] if warm else [0.0, 0.0, 1.0])

@@ -760,6 +760,20 @@ MUTANTS = [
             f"{DECKS}::test_plane_and_axisymmetric_decks",
         ),
         (
+            "a face twice in a surface has its pressure twice",
+            "decks/deck",
+            "return [*dict.fromkeys(found)]",
+            "return found",
+            f"{TOGETHER}::test_a_face_twice_in_a_surface_has_its_pressure_once",
+        ),
+        (
+            "temperatures of a deck end at zero in place of the initial ones",
+            "decks/model",
+            "on = [(end, 0.0)]",
+            "on = [(end, -first)]",
+            f"{TOGETHER}::test_temperatures_begin_and_end_at_the_initial_ones",
+        ),
+        (
             "a time delay is forgotten",
             "decks/model",
             'number(card.given.get("TIMEDELAY", "0"))',
