@@ -381,7 +381,13 @@ class Acts:
             given = self.model.materials.get(name, {}).get("DENSITY")
             if given is None:
                 self.notes.lost(card, f"the material {name} has no *DENSITY")
-            densities.add(float(table(given, 1)[0][0, 0]) if given else 0.0)
+            values, at = table(given, 1) if given else (np.zeros((1, 1)), np.zeros(1))
+            if given and len(at) > 1:
+                words = f"density at the mean temperature of {piece.name} at the end"
+                self.notes.changed(given, words)
+            order = np.argsort(at)
+            _, heat = self.model.temperatures(piece.nodes.tolist())
+            densities.add(float(np.interp(heat.mean(), at[order], values[order, 0])))
         if len(densities) > 1:
             self.notes.lost(card, f"{label} on a body with several densities")
         return densities.pop()

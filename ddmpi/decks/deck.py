@@ -76,6 +76,7 @@ class Deck:
             kind: {} for kind in ("NSET", "ELSET", "NODES", "SURFACE")
         }
         self.names: dict[tuple[str, str], str] = {}
+        self.unsorted = set[str]()  # keys of sets whose order counts
         self._surfaces: dict[tuple[str, str], Card] = {}
         for card in self.cards:
             with card.reading():
@@ -134,6 +135,8 @@ class Deck:
             self._set("ELSET", card, self.blocks[-1].entries[:, 0].tolist())
 
     def _take_set(self, card: Card) -> None:
+        if "UNSORTED" in card.given:
+            self.unsorted.add(called(f"{card.scope}.{card.given[card.word]}").lstrip("."))
         words = _generated(card) if "GENERATE" in card.given else chain(*card.rows)
         self._set(card.word, card, self._entries(card, filter(None, words)))
         if card.word == "NSET" and "ELSET" in card.given:

@@ -284,6 +284,8 @@ class Model:
             self.notes.changed(
                 cards[0], "warning: NLGEOM: displacements and strains are small here"
             )
+        if cards[0].says("AMPLITUDE") == "STEP":
+            self.notes.changed(cards[0], "loads that come at once come over the step")
         self._renewed = set()
         self._opened = {}
         self._since = cards[0].place
@@ -356,6 +358,8 @@ class Model:
                 "gives times and factors",
             )
             return []
+        if number(given.given.get("SMOOTH") or "0"):
+            self.notes.changed(given, "SMOOTH is dropped: it is straight between its times")
         table = factors(given)
         times = (
             number(card.given.get("TIMEDELAY", "0"))
@@ -535,11 +539,7 @@ class Model:
                 card,
                 f"added to line {other.line} where places are the same, as in CalculiX",
             )
-        ways = {
-            (one.name_of("AMPLITUDE"), number(one.given.get("TIMEDELAY") or "0"))
-            for one in (other, card)
-        }
-        if len(ways) > 1:
+        if _timing(other) != _timing(card):
             self.notes.lost(card, "a load beside another one of this step with another amplitude")
 
     def _on_boundary(self, card: Card) -> None:
@@ -563,7 +563,8 @@ class Model:
         most = 6 if node in self._refs else 3
         for k in (k for k in components if k <= most):
             other, before = self._fresh["supports"].get((node, k), (card, value))
-            if before != value and other.place >= self._since:
+            other_way = before != value or (value and _timing(other) != _timing(card))
+            if other_way and other.place >= self._since:
                 words = f"line {other.line} gives another displacement of the same nodes"
                 self.notes.changed(card, f"{words}; the last one counts, as in CalculiX")
             self._fresh["supports"][node, k] = card, value
@@ -702,7 +703,7 @@ class Model:
 
     def _equate(self, card: Card, terms: Sequence[tuple[str, int, float]]) -> None:
         """An equation between single nodes, or one for each node of sets of equally many."""
-        nodes = [sorted(self._nodes(card, what)) for what, *_ in terms]
+        nodes = [self._in_order(card, what) for what, *_ in terms]
         most = max(map(len, nodes))
         if {*map(len, nodes)} - {1, most}:
             raise DeckError("it has sets of different sizes")
@@ -719,6 +720,17 @@ class Model:
                 raise DeckError(
                     f"a component of node {one[0][0] % STRIDE} twice, also on line {other.line}"
                 )
+
+    def _in_order(self, card: Card, what: str) -> list[int]:
+        """The nodes of a set, or of a number, ascending, or as they are given in a set that is UNSORTED."""
+        found = self._nodes(card, what)
+        key = self.deck.key("NSET", card.scope, what.strip('"'))
+        if key is None or key not in self.deck.unsorted:
+            return sorted(found)
+        given = dict.fromkeys(self.deck.sets["NSET"][key])
+        if given.keys() != found:
+            raise DeckError(f"the set {what} is UNSORTED and has other sets, whose order counts")
+        return [*given]
 
     def _constrain(self, card: Card) -> None:
         beams = defaultdict[int, set[int]](set)
@@ -740,6 +752,11 @@ class Model:
             return
         for row in card.rows:
             nodes = self._nodes(card, row[0])
+            before = [self._fresh["heat"][node] for node in nodes & self._fresh["heat"].keys()]
+            lines = [other.line for other, value in before if value != number(row[1])]
+            if lines:
+                words = f"line {min(lines)} gives another temperature of the same nodes"
+                self.notes.changed(card, f"{words}; the last one counts, as in CalculiX")
             self._fresh["heat"] |= dict.fromkeys(nodes, (card, number(row[1])))
             self.heated.append((card, nodes))
 
@@ -748,4 +765,13 @@ class Model:
             self.notes.lost(card, f"initial {card.given['TYPE'].lower()}")
             return
         for row in card.rows:
-            self.start |= dict.fromkeys(self._nodes(card, row[0]), number(row[1]))
+            nodes = self._nodes(card, row[0])
+            if {self.start[node] for node in nodes & self.start.keys()} - {number(row[1])}:
+                words = "some of its nodes have another initial temperature before"
+                self.notes.changed(card, f"{words}; the last one counts, as in CalculiX")
+            self.start |= dict.fromkeys(nodes, number(row[1]))
+
+
+def _timing(card: Card) -> tuple[str, float]:
+    """The amplitude of a load or support, and its delay."""
+    return card.name_of("AMPLITUDE"), number(card.given.get("TIMEDELAY") or "0")

@@ -300,6 +300,7 @@ def test_what_makes_no_difference(tmp_path, old, new):
     )
 
 
+RAMPS = "*AMPLITUDE, NAME=UP, SMOOTH=0.2\n0., 0., 1., 1.\n*AMPLITUDE, NAME=DOWN\n0., 1., 1., 0.\n"
 TOLD = [
     (
         SECTION,
@@ -339,6 +340,27 @@ TOLD = [
         "it stands in no *STEP, and counts from the beginning of the next",
     ),
     (ROLLERS, "", "no support and no contact holds A"),
+    (
+        "*CLOAD",
+        f"{RAMPS}*BOUNDARY, AMPLITUDE=UP\nA_X1, 1, 1, 0.1\n*BOUNDARY, AMPLITUDE=DOWN\nA_X1, 1, 1, 0.1\n*CLOAD",
+        "gives another displacement of the same nodes; the last one counts",
+    ),
+    (
+        "*CLOAD",
+        "*TEMPERATURE\nA_Z1, 20.\nA_X1, 0.\nA_Z1, 0.\n*CLOAD",
+        "gives another temperature of the same nodes; the last one counts",
+    ),
+    (
+        "*STEP",
+        "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nA_Z1, 20.\nA_X1, 0.\n*STEP",
+        "some of its nodes have another initial temperature before; the last one counts",
+    ),
+    ("*STEP", "*STEP, AMPLITUDE=STEP", "loads that come at once come over the step"),
+    (
+        "*CLOAD",
+        f"{RAMPS}*CLOAD, AMPLITUDE=UP",
+        "*AMPLITUDE: SMOOTH is dropped: it is straight between its times",
+    ),
 ]
 
 
@@ -796,3 +818,26 @@ def test_temperatures_begin_and_end_at_the_initial_ones(tmp_path, second):
     factors = scenes[1]["history"][heat["history"]]["factors"]
     assert heat["value"] == pytest.approx(100.0)
     assert factors == ([0.0, 1.0, 0.0] if warm else [0.0, 0.0, 1.0])
+
+
+def test_nodes_of_a_set_that_is_unsorted_are_paired_as_they_are_given(tmp_path):
+    """As in Abaqus; those of other sets by their numbers."""
+    deck = BOX + "*BOUNDARY\nA_X0, 1\nA_Y0, 2\n1, 3, 3, 0.1\n3, 3, 3, 0.2\n"
+    deck += "*NSET, NSET=V\n1, 3\n*EQUATION\n2\nU, 3, 1., V, 3, -1.\n" + step()
+    for kind, moved in ("", {0.0: 0.1, 1.0: 0.2}), (", UNSORTED", {0.0: 0.2, 1.0: 0.1}):
+        fields = solved(tmp_path, f"{deck}*NSET, NSET=U{kind}\n30, 28\n").bodies["A"]
+        top = np.isclose(fields.points[:, 1:], [0.0, 3.0]).all(axis=1)
+        for x, value in moved.items():
+            at = top & np.isclose(fields.points[:, 0], x)
+            assert fields.displacement[at, 2] == pytest.approx([value], rel=1e-9)
+    mixed = deck + "*NSET, NSET=W\n28\n*NSET, NSET=U, UNSORTED\n30, W\n"
+    assert "the set U is UNSORTED and has other sets" in refused(tmp_path, mixed)
+
+
+def test_density_is_that_of_the_temperature(tmp_path):
+    """Halfway between two rows of its table, and told."""
+    deck = BOX.replace("7.8e-9\n", "8e-9, 100.\n6e-9, 0.\n") + ROLLERS
+    deck += "*NSET, NSET=ALL, GENERATE\n1, 36\n*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 50.\n"
+    scene, lists = imported(tmp_path, deck + step("*DLOAD", "A, GRAV, 10., 0., 0., -1."))
+    assert scene["body"][0]["volume_force"] == pytest.approx([0.0, 0.0, -7e-8])
+    assert "density at the mean temperature of A at the end" in lists

@@ -774,6 +774,27 @@ MUTANTS = [
             f"{TOGETHER}::test_temperatures_begin_and_end_at_the_initial_ones",
         ),
         (
+            "unsorted nodes of equations are sorted",
+            "decks/model",
+            "return [*given]",
+            "return sorted(given)",
+            f"{TOGETHER}::test_nodes_of_a_set_that_is_unsorted_are_paired_as_they_are_given",
+        ),
+        (
+            "the first density of a table counts",
+            "decks/acting",
+            "np.interp(heat.mean(), at[order], values[order, 0])",
+            "values[0, 0]",
+            f"{TOGETHER}::test_density_is_that_of_the_temperature",
+        ),
+        (
+            "another temperature of the same nodes is not told",
+            "decks/model",
+            "if value != number(row[1])",
+            "if False",
+            f"{TOGETHER}::test_what_counts_is_told",
+        ),
+        (
             "a time delay is forgotten",
             "decks/model",
             'number(card.given.get("TIMEDELAY", "0"))',
@@ -888,7 +909,7 @@ MUTANTS = [
         (
             "a displacement that is replaced is not told",
             "decks/model",
-            "if before != value and other.place >= self._since:",
+            "if other_way and other.place >= self._since:",
             "if False:",
             f"{TOGETHER}::test_what_counts_is_told",
         ),
