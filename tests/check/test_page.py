@@ -17,6 +17,7 @@ from ddmpi.check.faces import describe_face, face_of, pieces_of
 from ddmpi.check.nearby import Boundary
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import gmsh_session
+from ddmpi.pictures.browser import RIBBON
 from ddmpi.pictures.script import digest, our_digest
 from meshes import cad, drawn, mesh_of
 
@@ -182,6 +183,21 @@ def test_pieces_are_all_of_the_boundary():
     alone = pieces_of("box", Boundary.of(Mesh(mesh.points, mesh.triangles, {})))
     assert len(alone) == 6 and {piece.on for piece in alone} == {None}
     assert [len(piece.some) for piece in alone] == [8] * 6
+
+
+def test_ribbons_lie_inside_of_bodies_in_the_plane(tmp_path):
+    """Along their boundary, as wide as a part of the scene's extent, above the cells."""
+    _, arrays = checked(pinched_blocks(4), tmp_path)
+    points = np.reshape(arrays["points"], (-1, 3))
+    width = RIBBON * 3.0
+    on_ribbons = points[:, 2] > 0.0
+    assert points[on_ribbons, 2] == pytest.approx(np.full(on_ribbons.sum(), 0.3 * width), rel=1e-2)
+    x, y = points[on_ribbons, :2].T
+    off = np.minimum.reduce([x, 3.0 - x, y, 2.0 - y, np.abs(1.0 - y)])
+    far = np.abs(off - width) < 1e-2 * width
+    assert (far | (np.abs(off) < 1e-2 * width)).all()
+    # but for both ends of each of eight sides
+    assert 2 * (far.sum() + 16) == on_ribbons.sum()
 
 
 def test_parts_come_apart_in_the_plane_and_around_an_axis(tmp_path):

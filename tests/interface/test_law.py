@@ -180,3 +180,11 @@ def test_open_nodes_stick_at_first_where_the_law_holds_them(components):
     law = Cohesive(4, SLIDING, components, np.array([0.3, 0.0, 2.0]))
     active = law.sticking(np.zeros(4, bool), np.ones(4, bool))
     assert active.slip.any(axis=1).tolist() == [False, True, False]
+
+
+def test_gaps_that_the_law_allows_miss_it_by_nothing():
+    """No sign of the zero, which would be told."""
+    law = CoulombLaw(2, np.arange(2), 1, np.full(2, 0.3))
+    for gap in ([0.0, 1.0], [0.5, 1.0], []):
+        assert str(law.misfit(np.array(gap))) == "0.0"
+    assert law.misfit(np.array([-0.25, 1.0])) == 0.25

@@ -13,7 +13,7 @@ from scenes import COULOMB, ROOT
 import ddmpi
 from ddmpi.body.loads import nodal_loads
 from ddmpi.derive.adjoint import displaced, solve_adjoint
-from ddmpi.derive.errors import measure_errors
+from ddmpi.derive.errors import _largest, measure_errors
 from ddmpi.derive.results import functional
 from ddmpi.judge.bars import (
     BEYOND,
@@ -652,3 +652,18 @@ def test_a_slip_bound_acts_along_arcs():
     true = 2 * np.pi * 5e4 - abs(entry.value)
     assert true > 1e-3 * abs(entry.value)
     assert true < entry.bar < 4 * true
+
+
+@pytest.mark.parametrize(
+    ("slips", "two_sided", "part"), [(2, False, 2.0), (3, False, 0.0), (2, True, 0.0)]
+)
+def test_work_of_few_nodes_that_slip_has_no_bar(slips, two_sided, part):
+    """Below three of them it may be none or twice what it is; bonds do not slip."""
+    interface = SimpleNamespace(sliding=np.arange(9), law=SimpleNamespace(two_sided=two_sided))
+    state = SimpleNamespace(
+        count=lambda status: slips if status == "slip" else 9, interface=interface
+    )
+    answer = SimpleNamespace(states={"pad-floor": state})
+    result = named("contacts.pad-floor.dissipated")
+    found = _largest(SimpleNamespace(bodies=[]), answer, {}, result)
+    assert found == (part, 0.0, 0.0)

@@ -4,11 +4,21 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scenes import COULOMB, FLOOR, certified, rectangle
+from mpi4py import MPI
+from scenes import COULOMB, FLOOR, certified, prepare_scene, rectangle
 from solid_scenes import box
 
 import ddmpi
-from ddmpi.judge.edges import BOGY, Ends, edges_of, mismatch, pinned_angle, unbounded
+from ddmpi.body.stress import Composite
+from ddmpi.judge.edges import (
+    BOGY,
+    Ends,
+    edges_of,
+    ends_of_clamps,
+    mismatch,
+    pinned_angle,
+    unbounded,
+)
 from ddmpi.judge.plausible import _in_thin_cell, _singular
 from ddmpi.mesh.mesh import Mesh
 
@@ -165,6 +175,15 @@ def test_the_corner_of_a_clamped_side_is_told(about, grows):
     found = told(about)
     assert len(found) == grows, found
     assert all("body.block: " in each and "at the end of a clamp at (" in each for each in found)
+
+
+def test_the_corner_of_a_clamped_side_of_several_materials():
+    """Where no ratio is known, right angles do not count."""
+    (body,) = prepare_scene(MPI.COMM_SELF, clamped(x=0.0, y=0.0)).bodies
+    assert ends_of_clamps(body).sum() == 2
+    two = Composite([body.material] * 2, np.arange(len(body.mesh.triangles)) % 2)
+    several = SimpleNamespace(mesh=body.mesh, spec=body.spec, member=body.member, material=two)
+    assert not ends_of_clamps(several).any()
 
 
 def test_a_notch_at_a_plane_of_symmetry_is_a_re_entrant_corner():

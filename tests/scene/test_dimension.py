@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scenes import rectangle, to_toml
 from test_scene import message
 
 from ddmpi.errors import InputError
@@ -232,3 +233,19 @@ def test_expansions_along_three_axes_are_no_place_in_space():
     )
     warm = scene(PLANE, f"body.upper.{material}", "body.upper.temperature=10.0").body[0]
     assert np.diag(warm.material.expansions) == pytest.approx([1e-5, 2e-5, 3e-5])
+
+
+def test_copies_around_an_axis_shift_along_it():
+    """Along y alone, or not at all; nothing turns."""
+
+    def shifted(**copy) -> dict:
+        ring = rectangle("ring", (0.5, 0.0), (1.0, 1.0), (1, 1), clamp=["bottom"])
+        other = {"name": "other", "copy": {"of": "ring"} | copy, "clamp": ["bottom"]}
+        return {"axisymmetric": True, "body": [ring, other]}
+
+    for shift in ([0.0, 2.0], [0.0, -2.0]):
+        settled = read_scene("a scene", to_toml(shifted(shift=shift)))
+        assert list(settled.body[1].copy.shift) == shift
+    for wrong in ({"shift": [0.1, 2.0]}, {"turn": 90.0}):
+        with pytest.raises(InputError, match="axisymmetric copies shift along y only"):
+            read_scene("a scene", to_toml(shifted(**wrong)))

@@ -1,5 +1,6 @@
 """What a run says and where; and that results and pictures lead back to their run."""
 
+import logging
 import os
 import re
 import subprocess
@@ -12,9 +13,7 @@ from PIL import Image
 from scenes import Run, pinched_blocks
 
 from ddmpi.errors import InputError
-from ddmpi.system import provenance
-
-pytestmark = pytest.mark.slow
+from ddmpi.system import logs, provenance
 
 STAMP = r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ"
 
@@ -54,6 +53,7 @@ def log(here, runs) -> list[list[str]]:
     return parts
 
 
+@pytest.mark.slow
 def test_the_log_has_what_the_screen_has(runs, log):
     """Also of a quiet run, and of one that fails; each begins with a line that says where and what ran."""
     for (name, run), part in zip(runs.items(), log, strict=True):
@@ -75,6 +75,7 @@ def test_the_log_has_what_the_screen_has(runs, log):
     ]
 
 
+@pytest.mark.slow
 def test_a_log_that_cannot_be_written_is_refused_at_once(here, tmp_path):
     (tmp_path / "no").write_text("not a folder")
     run = scenes.run_here(
@@ -84,6 +85,7 @@ def test_a_log_that_cannot_be_written_is_refused_at_once(here, tmp_path):
     assert not run.folder.exists()
 
 
+@pytest.mark.slow
 def test_a_log_may_be_in_the_new_folder_of_the_results(here, tmp_path):
     folder = tmp_path / "new" / "out"
     run = scenes.run_here(
@@ -92,6 +94,45 @@ def test_a_log_may_be_in_the_new_folder_of_the_results(here, tmp_path):
     assert run.code == 0, run.output
     assert run.files == scenes.DATA | {"run.log"}
     assert "converged and certified" in (folder / "run.log").read_text()
+
+
+@pytest.fixture
+def free(monkeypatch):
+    """The logger as it was, after the test."""
+    logger = logging.getLogger("ddmpi")
+    before = logger.handlers, logger.propagate, logger.level
+    yield logger
+    logs.close()
+    logger.handlers, logger.propagate = before[:2]
+    logger.setLevel(before[2])
+
+
+def test_ranks_other_than_the_first_tell_errors_to_the_log_alone(tmp_path, free, capfd):
+    """Nothing else, nothing on the screen; without a log nothing at all."""
+    path = tmp_path / "the.log"
+    logs.configure(1, file=str(path), heading="ddmpi 0 on a host")
+    free.error("no error of the whole run")
+    assert not path.exists()
+    free.log(logging.CRITICAL + 1, "an end of this rank")
+    assert re.fullmatch(rf"{STAMP}  an end of this rank\n", path.read_text(encoding="utf-8"))
+    logs.configure(1)
+    assert free.handlers == []
+    assert capfd.readouterr() == ("", "")
+
+
+def test_the_first_rank_tells_the_screen_and_the_log(tmp_path, free, capfd):
+    """Quiet: warnings alone on the screen, all in the log, which goes on with a heading of its own."""
+    path = tmp_path / "the.log"
+    for quiet in (False, True):
+        logs.configure(0, quiet, str(path), "ddmpi 0 on a host")
+        free.info("a word")
+        free.warning("a doubt")
+        said = capfd.readouterr()
+        assert said.out == ("" if quiet else "a word\n") and "a doubt" in said.err
+        logs.close()
+    words = [line[22:] for line in path.read_text(encoding="utf-8").splitlines() if line]
+    assert [word for word in words if "ddmpi 0 on a host" in word] == ["ddmpi 0 on a host"] * 2
+    assert sum("a word" in word for word in words) == sum("a doubt" in word for word in words) == 2
 
 
 @pytest.mark.parametrize("name", ["scene.toml", "history.csv"])
@@ -118,6 +159,7 @@ def test_a_log_is_not_added_to_something_else(tmp_path, monkeypatch, capsys, nam
     assert [path.read_text() for path in tmp_path.iterdir()] == ["iteration,update\n"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -157,6 +199,7 @@ def test_a_log_that_fills_the_disk_does_not_stop_the_run(tmp_path, capsys, monke
     assert capsys.readouterr().err.count("No space left on device") == 1
 
 
+@pytest.mark.slow
 def test_results_and_pictures_lead_back_to_their_run(runs):
     """By its name, time, command, folder and versions."""
     summary = runs["said"].summary
@@ -184,6 +227,7 @@ def test_results_and_pictures_lead_back_to_their_run(runs):
             )
 
 
+@pytest.mark.slow
 def test_a_batch_job_is_named(here, tmp_path, monkeypatch):
     for name, value in {
         "JOB_ID": "12",
@@ -205,6 +249,7 @@ def test_a_batch_job_is_named(here, tmp_path, monkeypatch):
     assert whereabouts().endswith(" job 12")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arguments", ["info", "run --help"])
 def test_what_cannot_be_printed_is_told(arguments):
     """Without mpirun, which prints what its ranks say."""
@@ -224,6 +269,7 @@ def test_what_cannot_be_printed_is_told(arguments):
         )
 
 
+@pytest.mark.slow
 def test_a_run_whose_words_cannot_be_printed_goes_on():
     """A screen that is a file on a full disk."""
     code = """
@@ -247,6 +293,7 @@ for k in range(3):
     assert ours.count("\n") == 1 and "No space left on device" in ours
 
 
+@pytest.mark.slow
 def test_info(tmp_path):
     """What is there, said once by two ranks."""
     run = scenes.run_python(["-m", "ddmpi", "info"], 2, cwd=tmp_path)
@@ -261,6 +308,7 @@ def test_info(tmp_path):
     assert all(lines.values()) and list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_options_that_nothing_used_are_named_once(here):
     """By us, and not by PETSc as well when it ends."""
     run = scenes.run_command(
@@ -275,6 +323,7 @@ def test_options_that_nothing_used_are_named_once(here):
     }
 
 
+@pytest.mark.slow
 def test_paths_that_cannot_be_read_end_no_run(tmp_path, monkeypatch):
     """Versions are read from what sys.path names, readable or not; other packages may begin with the same name."""
     listdir = os.listdir
