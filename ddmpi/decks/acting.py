@@ -295,7 +295,7 @@ class Acts:
                 cards[k] = acting.card
         found = []
         for history, forces in by_history.items():
-            patches, lost = piece.patches(np.array(sorted(forces)))
+            patches, lost = piece.patches(np.array(sorted(forces)), self.axisymmetric)
             for k in lost.tolist():
                 self.notes.lost(cards[k], "a force at a node that is not on the boundary")
             for facets, nodes in patches:

@@ -224,9 +224,14 @@ class Piece:
         """The name of a set of these nodes (places); a new one, like `name`, if there is none yet."""
         return _kept(self.sets, np.unique(nodes), name, self.taken)
 
-    def patches(self, loaded: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+    def patches(
+        self, loaded: np.ndarray, around: bool = False
+    ) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
         """Facets to carry the forces at places `loaded` (k,), and the nodes whose forces they carry: whole facets that
-        hang together, else those around nodes that hang together; and the nodes that have no facet."""
+        hang together, else those around nodes that hang together; and the nodes that have no facet. Those on the axis
+        carry none if the body is `around` it."""
+        on_axis = np.append(np.abs(self.points[:, 0]) <= EXACT * np.ptp(self.points), True)
+        carries = ~(around & on_axis[self.facets].all(axis=1))
         marked = np.zeros(len(self.nodes) + 1, bool)
         marked[loaded] = marked[-1] = True
         ends = marked[self.facets[:, :4]].all(axis=1)
@@ -237,6 +242,7 @@ class Piece:
         left = marked[:-1].copy()
         for some in (whole, None):
             some = np.append(left, False)[self.facets].any(axis=1) if some is None else some
+            some = some & carries
             loads = np.flatnonzero(some)
             component = connected(self.facets[loads, :4])
             for facets in (loads[component == k] for k in range(component.max(initial=-1) + 1)):

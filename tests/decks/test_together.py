@@ -841,3 +841,20 @@ def test_density_is_that_of_the_temperature(tmp_path):
     scene, lists = imported(tmp_path, deck + step("*DLOAD", "A, GRAV, 10., 0., 0., -1."))
     assert scene["body"][0]["volume_force"] == pytest.approx([0.0, 0.0, -7e-8])
     assert "density at the mean temperature of A at the end" in lists
+
+
+def test_forces_at_nodes_on_the_axis_are_on_the_faces_beside_it(tmp_path):
+    """The axis has no area: the face beside it has the same resultant and the same first moment, which is none."""
+    deck = grid("A", (2, 2), (2.0, 1.0), kind="CAX4") + STEEL + SECTION + "*BOUNDARY\nA_Y0, 2\n"
+    scene, _ = imported(tmp_path, deck + step("*CLOAD", "7, 2, 5."))
+    whole, uneven = scene["body"][0]["traction"]
+    r = (np.arange(2000) + 0.5) / 2000
+    t = whole["force"][1] / np.pi + evaluate(uneven["value"][1], r)
+    assert 2.0 * np.pi * np.mean(t * r) == pytest.approx(5.0, abs=1e-4)
+    assert 2.0 * np.pi * np.mean(t * r * r) == pytest.approx(0.0, abs=1e-4)
+    reaction = solved(tmp_path, deck + step("*CLOAD", "7, 2, 5.")).summary["bodies"]["A"][
+        "reaction"
+    ]
+    assert reaction == pytest.approx([0.0, -5.0], abs=1e-9)
+    words = "a force at a node that is not on the boundary"
+    assert words in refused(tmp_path, deck + step("*CLOAD", "4, 2, 5."))

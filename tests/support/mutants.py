@@ -795,6 +795,13 @@ MUTANTS = [
             f"{TOGETHER}::test_what_counts_is_told",
         ),
         (
+            "the axis of a deck has forces",
+            "decks/pieces",
+            "carries = ~(around & on_axis[self.facets].all(axis=1))",
+            "carries = np.ones(len(self.facets), bool)",
+            f"{TOGETHER}::test_forces_at_nodes_on_the_axis_are_on_the_faces_beside_it",
+        ),
+        (
             "a time delay is forgotten",
             "decks/model",
             'number(card.given.get("TIMEDELAY", "0"))',
