@@ -447,7 +447,10 @@ class Model:
         if any(card.values()[1:2]):
             self.notes.changed(card, "the stick slope is dropped: nodes stick without slip")
         if self._within == "CHANGEFRICTION":
-            self.rubbing[self._changed][len(self.ends)] = coefficient
+            if coefficient != self.rubbing[self._changed].setdefault(len(self.ends), coefficient):
+                raise DeckError(
+                    "another coefficient of this interaction stands before it in this step"
+                )
             self.notes.changed(card, "friction goes to this coefficient over the step")
 
     def _on_changefriction(self, card: Card) -> None:

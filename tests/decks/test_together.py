@@ -431,6 +431,11 @@ LOST = [
         + step("*DLOAD, OP=NEW", "10, P2, 1."),
         "OP=NEW beside *DLOAD and *DSLOAD",
     ),
+    (
+        stack(PAIR, LAW + "*FRICTION\n0.1\n")
+        + step(*[f"*CHANGE FRICTION, INTERACTION=I\n*FRICTION\n{mu}" for mu in (0.2, 0.3)]),
+        "another coefficient of this interaction stands before it in this step",
+    ),
     (BOX + ROLLERS + PULL + "*CLOAD\nA_Z1, 3, 1.\n", "*CLOAD: it stands after the last *STEP"),
     (
         BOX + ROLLERS + step().replace("STATIC", "FREQUENCY") + PULL,

@@ -802,6 +802,13 @@ MUTANTS = [
             f"{TOGETHER}::test_forces_at_nodes_on_the_axis_are_on_the_faces_beside_it",
         ),
         (
+            "of two coefficients of friction in a step the first one counts",
+            "decks/model",
+            "if coefficient != self.rubbing[self._changed].setdefault(len(self.ends), coefficient):",
+            "if self.rubbing[self._changed].setdefault(len(self.ends), coefficient) < 0.0:",
+            f"{TOGETHER}::test_what_contradicts_is_refused",
+        ),
+        (
             "a time delay is forgotten",
             "decks/model",
             'number(card.given.get("TIMEDELAY", "0"))',
