@@ -34,8 +34,7 @@ class Matter:
         self.family = family
         self.owner: dict[int, int] = {}  # section by element; the last one counts
         for k, (members, _, thick, _, card) in enumerate(model.sections):
-            if card.word != "CHANGESOLIDSECTION":
-                self._tell_others(k)
+            self._tell_others(k)
             self.owner |= dict.fromkeys(members, k)
             if thick < 0.0:
                 raise card.error("the thickness is negative")
@@ -51,11 +50,12 @@ class Matter:
         self.depth = depths.pop() if family in ("CPE", "CPS") and len(depths) == 1 else 1.0
 
     def _tell_others(self, k: int) -> None:
-        """Note the elements of a section that have another one before it."""
+        """Note the elements of a section that have another one before it; those of a step may replace a first one."""
         sections = self.model.sections
         members, *own, card = sections[k]
         before = {self.owner[element] for element in members if element in self.owner}
-        lines = [sections[j][4].line for j in before if [*sections[j][1:4]] != own]
+        cards = [sections[j][4] for j in before if [*sections[j][1:4]] != own]
+        lines = [other.line for other in cards if other.word == card.word]
         if lines:
             words = f"elements that line {', '.join(map(str, sorted(lines)))} gives another section"
             self.notes.changed(card, f"{words} have this one, as in CalculiX")

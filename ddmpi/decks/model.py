@@ -415,6 +415,11 @@ class Model:
         if self._within == "CHANGED":  # in a step; that this changes is lost
             return
         if self._within == "CHANGESURFACEBEHAVIOR":
+            other = self._inside.get(card.word, card)
+            if other.place >= self._since and (other.rows, other.given) != (card.rows, card.given):
+                raise DeckError(
+                    f"line {other.line} gives this interaction another law in this step"
+                )
             self._inside[card.word] = card
             return
         if self._within != within.replace(" ", ""):

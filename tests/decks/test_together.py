@@ -310,6 +310,12 @@ TOLD = [
         "elements that line 130 gives another section have this one",
     ),
     (
+        "*END STEP",
+        "*CHANGE SOLID SECTION, ELSET=A, MATERIAL=STEEL, ORIENTATION=O\n*CHANGE SOLID SECTION, ELSET=A, MATERIAL=STEEL\n"
+        "*END STEP",
+        "*CHANGE SOLID SECTION: elements that line 139 gives another section have this one",
+    ),
+    (
         "*CLOAD",
         "*BOUNDARY\nA_X1, 1, 1, 0.1\nA_X1, 1, 1, 0.2\n*CLOAD",
         "gives another displacement of the same nodes; the last one counts",
@@ -435,6 +441,17 @@ LOST = [
         stack(PAIR, LAW + "*FRICTION\n0.1\n")
         + step(*[f"*CHANGE FRICTION, INTERACTION=I\n*FRICTION\n{mu}" for mu in (0.2, 0.3)]),
         "another coefficient of this interaction stands before it in this step",
+    ),
+    (
+        stack(PAIR, LAW)
+        + step(
+            *(
+                "*CHANGE SURFACE BEHAVIOR, INTERACTION=I\n*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR\n"
+                + slope
+                for slope in ("1e5", "2e5")
+            )
+        ),
+        "gives this interaction another law in this step",
     ),
     (BOX + ROLLERS + PULL + "*CLOAD\nA_Z1, 3, 1.\n", "*CLOAD: it stands after the last *STEP"),
     (

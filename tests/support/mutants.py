@@ -809,6 +809,13 @@ MUTANTS = [
             f"{TOGETHER}::test_what_contradicts_is_refused",
         ),
         (
+            "of two contact laws in a step the last one counts",
+            "decks/model",
+            "if other.place >= self._since and (other.rows, other.given) != (card.rows, card.given):",
+            "if False:",
+            f"{TOGETHER}::test_what_contradicts_is_refused",
+        ),
+        (
             "a time delay is forgotten",
             "decks/model",
             'number(card.given.get("TIMEDELAY", "0"))',
