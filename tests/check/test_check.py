@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from scenes import (
+    FLOOR,
     ROOT,
     call,
     pinched_blocks,
@@ -23,11 +24,12 @@ from solid_scenes import HELD, box, two_boxes
 from ddmpi.check.check import check
 from ddmpi.check.drawing import as_results, draw, draw_contacts
 from ddmpi.check.faces import _smooth
-from ddmpi.check.nearby import NEAR, Missing
+from ddmpi.check.nearby import NEAR, Boundary, Missing, find_missing
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError, InterruptionError, NotConvergedError
 from ddmpi.mesh.read import gmsh_session
 from ddmpi.scene.reader import read_scene
+from meshes import mesh_of
 
 
 @pytest.fixture
@@ -513,3 +515,21 @@ def test_sides_without_names_end_at_hollow_corners_too():
     boundary = SimpleNamespace(facets=facets, at=points[facets], normal=normal)
     number = _smooth(boundary, np.ones(12, bool))
     assert (number[::2] == number[1::2]).all() and len(set(number[::2])) == 6
+
+
+ON_A_PLANE = {
+    "body": [rectangle("block", (0.0, 0.0), (1.0, 1.0), (1, 1), clamp=["top"])],
+    "rigid": [FLOOR],
+    "contact": [{"bodies": ["block", "floor"], "on": ["bottom"]}],
+}
+
+
+def test_the_least_and_the_largest_gap_of_a_missing_contact():
+    """A block over a plane, whose bottom rises: gaps are those of the middles of its facets, along their normals."""
+    corners = ((0.0, 0.01), (1.0, 0.05), (1.0, 1.0), (0.0, 1.0))
+    mesh = mesh_of(shape="quadrilateral", corners=corners, divisions=(4, 4))
+    settled = read_scene("a scene", to_toml(ON_A_PLANE))
+    (missing,) = find_missing({"block": Boundary.of(mesh)}, settled.rigid, [])
+    assert missing.bodies == ("block", "floor") and missing.on[0] == "bottom"
+    along = 1.0 / np.hypot(1.0, 0.04)  # the normals of the facets
+    assert missing.gap == pytest.approx((0.015 * along, 0.045 * along), rel=1e-9)

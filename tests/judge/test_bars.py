@@ -492,6 +492,16 @@ def test_the_rule():
     assert told(FORCE, 1, Measured(**none, noise=5.0), 0.0, 3.0) == (5.0, "")
 
 
+def test_what_statics_does_not_give_has_a_word_on_coarse_meshes():
+    """Also of bodies without contacts, and of results whose dual has no strain; what is rounding is given."""
+    wide = Measured(**SUMS, own=100.0, square=1.0, size=99.0)
+    still = Measured(**dict.fromkeys(("own", "square", "size", *SUMS), 0.0), terms=5.0)
+    for alone in (False, True):
+        for known in (wide, replace(wide, terms=5.0)):
+            assert told(ENERGY, 1, known, 1.0, error=0.9, alone=alone) == (None, COARSE)
+        assert told(ENERGY, 1, still, 1.0, error=0.9, alone=alone)[1] == ""
+
+
 def test_numbers_that_are_rounding_have_bars_of_rounding():
     """A block that heats freely has a reaction of zero, and a plate that its clamp carries along no stress, which then
     grows nowhere: where the clamp also stretches the plate, a warning says that it does."""

@@ -1,6 +1,7 @@
 """Targets of results: meshes that are made for them, when a run stops, and what it says when it cannot get there."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -36,6 +37,7 @@ from ddmpi.pictures.levels import draw_levels
 from ddmpi.results import checkpoint
 from ddmpi.results.summary import with_bar
 from ddmpi.results.tables import read_results
+from ddmpi.run.run import _squares
 from ddmpi.scene.reader import read_scene, read_scene_file
 from ddmpi.system.files import CHECKPOINT
 
@@ -542,3 +544,21 @@ GROWTH, FAR, GOOD = (
 def test_limits_of_refinement(levels, goal, most, doubling, dimension, least, largest):
     found = next_refinement(levels, goal, most, doubling=doubling, dimension=dimension)
     assert found is None if least is None else least <= found <= largest
+
+
+def test_cells_are_made_smaller_whatever_the_sign_of_their_errors():
+    """Contributions of cells to the error of a result have signs, and add up; sizes follow from how large they are."""
+
+    def squares(signs: list[float]) -> np.ndarray:
+        cells = {"b": np.array([4.0, 1.0, 0.0]) * signs}
+        solved = SimpleNamespace(
+            error=SimpleNamespace(estimates={"b": SimpleNamespace(squares=np.ones(3))}),
+            errors={"bodies.b.energy": SimpleNamespace(cells=cells)},
+            assembly=SimpleNamespace(world=MPI.COMM_SELF),
+        )
+        return _squares(solved, {"bodies.b.energy": Miss(0.2, 0.1)})["b"]
+
+    expected = squares([1.0, 1.0, 1.0])
+    assert expected[:2] == pytest.approx([4.0, 1.0]) and 0.0 <= expected[2] < 1.0
+    for signs in ([-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [-1.0, -1.0, 1.0]):
+        assert squares(signs) == pytest.approx(expected)

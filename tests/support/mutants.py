@@ -3930,6 +3930,20 @@ MUTANTS = [
             "system/test_logs.py::test_ranks_other_than_the_first_tell_errors_to_the_log_alone",
         ),
         (
+            "the largest gap of a missing contact is the least",
+            "check/nearby",
+            "float(gap[chosen].max())",
+            "float(gap[chosen].min())",
+            "check/test_check.py::test_the_least_and_the_largest_gap_of_a_missing_contact",
+        ),
+        (
+            "signed errors make meshes finer",
+            "run/run",
+            "{body: np.abs(cells) for body, cells in measured.cells.items()}",
+            "{body: cells for body, cells in measured.cells.items()}",
+            "judge/test_targets.py::test_cells_are_made_smaller_whatever_the_sign_of_their_errors",
+        ),
+        (
             "cells of one kind among others as if all had as many nodes",
             "results/fields",
             "number = (cells >= 0).sum(axis=1)",
@@ -4903,7 +4917,7 @@ MUTANTS = [
             "judge/bars",
             "given = rough <= least and",
             "given =",
-            "run/test_errors.py::test_forces_that_statics_gives_have_a_bar_on_any_mesh",
+            "judge/test_bars.py::test_what_statics_does_not_give_has_a_word_on_coarse_meshes",
         ),
         (
             "flush bonds of like bodies have corners",
