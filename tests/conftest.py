@@ -276,16 +276,25 @@ def comm(comm):
 
 
 @pytest.fixture(autouse=True, scope="session")
-def forked() -> Iterator[None]:
-    """What is done apart is done by children of one process, which imports gmsh once. The commands that tests start, and
-    `test_apart.py`, start processes as users do."""
+def forked() -> Iterator[Callable]:
+    """What is done apart is done by children of one process, which imports gmsh once. Yields what starts a process of its
+    own, as the commands do that tests start."""
     from forked import Forked
 
     from ddmpi.system import interrupt
 
+    start = interrupt._other
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(interrupt, "_other", Forked)
-        yield
+        yield start
+
+
+@pytest.fixture
+def by_itself(forked, monkeypatch) -> None:
+    """What is done apart is done by a process of its own, as users start it."""
+    from ddmpi.system import interrupt
+
+    monkeypatch.setattr(interrupt, "_other", forked)
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -23,7 +23,7 @@ from ddmpi.scene.reader import read_scene_file
 from ddmpi.system import interrupt
 from ddmpi.system.provenance import whereabouts
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("by_itself")]
 
 STEEL = {"young": 2.1e11, "poisson": 0.3}
 

@@ -8,13 +8,7 @@ import pytest
 from ddmpi.errors import InterruptionError
 from ddmpi.system import interrupt
 
-START = interrupt._other
-
-
-@pytest.fixture(autouse=True)
-def by_itself(monkeypatch):
-    """As users start it; other tests have `Forked`."""
-    monkeypatch.setattr(interrupt, "_other", START)
+pytestmark = pytest.mark.usefixtures("by_itself")
 
 
 def test_work_is_done_elsewhere(tmp_path, monkeypatch):
