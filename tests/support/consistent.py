@@ -71,13 +71,17 @@ def counts(answer: Any) -> None:
         pushed = any(rigid["force"] for rigid in summary["scene"]["rigid"])
         assert value == largest or pushed or any("pretension" in each for each in contacts), kind
     steps = summary.get("steps") or []
-    if steps:
+    cycles = "cycles" in summary  # of them the steps of the last one are kept
+    if steps and not cycles:
         assert sum(step["outer_iterations"] for step in steps) == len(history)
     for name, contact in summary["contacts"].items():
         if steps:
             last, spent = steps[-1]["contacts"][name], [s["contacts"][name] for s in steps]
             assert all(last[key] == contact[key] for key in AT_THE_END), name
-            assert contact["dissipated"] == pytest.approx(sum(s["dissipated"] for s in spent))
+            listed = sum(s["dissipated"] for s in spent)
+            assert contact["dissipated"] == pytest.approx(listed) or (
+                cycles and contact["dissipated"] > listed
+            ), name
 
 
 def of_table(summary: dict, name: str, table: np.ndarray) -> None:
