@@ -22,7 +22,7 @@ from scenes import (
 from solid_scenes import HELD, box, two_boxes
 
 from ddmpi.check.check import check
-from ddmpi.check.drawing import as_results, draw, draw_contacts
+from ddmpi.check.drawing import Plan, as_results, draw, draw_contacts
 from ddmpi.check.faces import _smooth
 from ddmpi.check.nearby import NEAR, Boundary, Missing, find_missing
 from ddmpi.coupling.assembly import prepare
@@ -515,6 +515,16 @@ def test_sides_without_names_end_at_hollow_corners_too():
     boundary = SimpleNamespace(facets=facets, at=points[facets], normal=normal)
     number = _smooth(boundary, np.ones(12, bool))
     assert (number[::2] == number[1::2]).all() and len(set(number[::2])) == 6
+
+
+def test_marks_of_supports_stand_where_they_are_seen():
+    """By their first two coordinates in the picture."""
+    drawn: list[tuple] = []
+    axes = SimpleNamespace(plot=lambda *given, **_: drawn.append(given))
+    plan = SimpleNamespace(axes=axes, place=lambda at: 2.0 * at, shows=lambda at: at[:, 2] > 0.0)
+    Plan.mark(plan, np.array([[1.0, 2.0, 3.0], [4.0, 5.0, -6.0], [7.0, 8.0, 9.0]]), "s")
+    ((x, y, marker),) = drawn
+    assert (x.tolist(), y.tolist(), marker) == ([2.0, 14.0], [4.0, 16.0], "s")
 
 
 ON_A_PLANE = {

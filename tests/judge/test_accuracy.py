@@ -280,6 +280,28 @@ def test_a_target_makes_the_triangles_of_a_file_quadratic():
     assert {body.mesh.order for body in scene.body} == {2} and "straight" in scene.aimed
 
 
+def test_files_are_halved_where_a_target_asks_for_it_alone():
+    text = Path(PUNCH).read_text(encoding="utf-8")
+    halved = [
+        {body.mesh.refine for body in read_scene(PUNCH, text, settings).body}
+        for settings in ([], ["method.target_error=0.1"])
+    ]
+    assert halved[0] == {0}
+    assert halved[1] <= {0, "as needed"}
+
+
+def test_what_a_target_makes_of_meshes_is_said_as_its_ladder_begins(caplog):
+    """And nothing of a scene whose meshes stay."""
+    caplog.set_level("INFO", "ddmpi")
+    text = Path(PUNCH).read_text(encoding="utf-8")
+    scene = read_scene(PUNCH, text, ["method.target_error=0.1"])
+    MeshLadder(scene)
+    assert [record.getMessage() for record in caplog.records] == [scene.aimed]
+    caplog.clear()
+    MeshLadder(read_scene(PUNCH, text, []))
+    assert not caplog.records
+
+
 @pytest.mark.slow
 def test_linear_elements_with_a_large_error_hear_what_quadratic_ones_cost(tmp_path):
     """Their unknowns on the same cells; quadratic elements hear nothing, nor do linear ones with a small error."""

@@ -2,6 +2,7 @@
 
 import itertools
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from ddmpi.judge.certificate import Certificate, ContactResiduals
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import no_report
 from ddmpi.run.solve import Iteration, Solution, solve
+from ddmpi.run.steps import March
 from ddmpi.system.clock import Clock
 
 two_ranks = pytest.mark.mpi(ranks=2)
@@ -129,3 +131,42 @@ def test_methods_agree(comm, contrast):
     assert np.linalg.norm(
         everywhere(assembly, answer.outer.forces) - exact
     ) <= 1e-5 * np.linalg.norm(exact)
+
+
+@pytest.mark.parametrize("tolerance", [1e-6, 1e-2])
+def test_what_is_hopeless_leaves_more_than_the_tolerance(monkeypatch, tolerance):
+    """A mechanism ends Newton's method where it leaves more of the loads than the tolerance."""
+    asked: list[float] = []
+    monkeypatch.setattr(Iteration, "_past_meshes", lambda self, least: asked.append(least))
+    scene = scenes.pinched_blocks(2, tolerance=tolerance)
+    assembly = scenes.prepare_scene(MPI.COMM_SELF, scene)
+    iteration = Iteration(assembly, assembly.scene.method, no_report, Clock())
+    assert not iteration.outer.hopeless()
+    assert asked == [tolerance]
+
+
+@pytest.mark.parametrize(("begin", "given"), [(0.0, 5.0), (1.0, 0.0)])
+def test_energy_that_loads_give_at_once_is_that_of_the_first_leg(begin, given):
+    """What friction may dissipate beyond the work of contacts: a load that acts at once gives some, at time 0 alone."""
+    asked: list[float] = []
+
+    def excess(noted: int, more: float) -> float:
+        asked.append(more)
+        return 0.0
+
+    march = SimpleNamespace(
+        _now=SimpleNamespace(change_since=lambda *_: 0.0),
+        _forces=lambda mark: None,
+        _base=SimpleNamespace(time=begin),
+        log=SimpleNamespace(excess=excess),
+        assembly=SimpleNamespace(space=None),
+        _too_short=lambda: 0.0,
+        _given=5.0,
+        _tolerance=0.1,
+        _changed=np.nan,
+        **dict.fromkeys(("_coarse", "_largest", "_noted"), 0),
+        _end=2.0,
+        _number=4,
+    )
+    assert March._agree(march)
+    assert asked == [given]

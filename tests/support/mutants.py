@@ -3944,6 +3944,34 @@ MUTANTS = [
             "judge/test_targets.py::test_cells_are_made_smaller_whatever_the_sign_of_their_errors",
         ),
         (
+            "what is hopeless leaves what is slight",
+            "run/solve",
+            "least = max(SLIGHT, method.tolerance)",
+            "least = min(SLIGHT, method.tolerance)",
+            "methods/test_solution.py::test_what_is_hopeless_leaves_more_than_the_tolerance",
+        ),
+        (
+            "energy that is given at once is that of later legs",
+            "run/steps",
+            "self._given if self._base.time == 0.0 else 0.0",
+            "self._given if not self._base.time == 0.0 else 0.0",
+            "methods/test_solution.py::test_energy_that_loads_give_at_once_is_that_of_the_first_leg",
+        ),
+        (
+            "all files are halved",
+            "scene/bodies",
+            "'as needed' if refined and mesh.file else 0",
+            "'as needed' if mesh.file else 0",
+            "judge/test_accuracy.py::test_files_are_halved_where_a_target_asks_for_it_alone",
+        ),
+        (
+            "forces on partners are displacements",
+            "derive/results",
+            "if what == 'displacement':\n        found.partner",
+            "if not what == 'displacement':\n        found.partner",
+            "derive/test_partners.py",
+        ),
+        (
             "cells of one kind among others as if all had as many nodes",
             "results/fields",
             "number = (cells >= 0).sum(axis=1)",
@@ -6016,6 +6044,20 @@ EQUIVALENT = [
             "if False else SETTLED",
             "Newton's own steps and the certificate judge what the path leaves, so that it can only cost steps. The 20 scenes "
             "of docs/tables/hard_scenes.md that are no belts converge in as many steps with it as without.",
+        ),
+        (
+            "a row of the schema has the kind of its second entry",
+            "scene/schema",
+            "kept.pop('prefixItems')[0]",
+            "kept.pop('prefixItems')[1]",
+            "All entries of such a row are alike.",
+        ),
+        (
+            "a dense compliance is not transposed",
+            "body/compliance",
+            "self._matrix = self.dense().T",
+            "self._matrix = self.dense()",
+            "It is symmetric up to rounding; transposed, its columns are as PETSc and LAPACK want them.",
         ),
         (
             "bodies that bear are counted down",
