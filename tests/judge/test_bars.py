@@ -499,7 +499,8 @@ def test_what_statics_does_not_give_has_a_word_on_coarse_meshes():
     for alone in (False, True):
         for known in (wide, replace(wide, terms=5.0)):
             assert told(ENERGY, 1, known, 1.0, error=0.9, alone=alone) == (None, COARSE)
-        assert told(ENERGY, 1, still, 1.0, error=0.9, alone=alone)[1] == ""
+        for value in (1.0, 0.0):
+            assert told(ENERGY, 1, still, value, error=0.9, alone=alone)[1] == ""
 
 
 def test_numbers_that_are_rounding_have_bars_of_rounding():

@@ -4938,7 +4938,7 @@ MUTANTS = [
             "judge/bars",
             "if given or error is None",
             "if error is None",
-            "run/test_errors.py::test_forces_that_statics_gives_have_a_bar_on_any_mesh",
+            "judge/test_bars.py::test_what_statics_does_not_give_has_a_word_on_coarse_meshes",
         ),
         (
             "all that has a bar is given by statics",
