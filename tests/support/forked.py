@@ -6,12 +6,14 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+from multiprocessing import util
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from ddmpi.system import interrupt
 
 CONTEXT = multiprocessing.get_context("forkserver")
+util.get_temp_dir()  # of the server's socket: not one that the first test to start it may have set
 CONTEXT.set_forkserver_preload(
     ["gmsh", "h5py", "meshio", "ddmpi.mesh.geometry", "ddmpi.system.hdf5"]
 )
