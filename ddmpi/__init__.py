@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ddmpi.run.answer import Answer, Model
 
-__version__ = "0.22.0"
+__version__ = "0.23.0"
 
 __all__ = ["prepare", "solve", "to_xarray"]
 
