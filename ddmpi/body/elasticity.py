@@ -135,7 +135,7 @@ class Elasticity(Supported):
     acting : the present load case
     load : sum of the absolute nodal loads (N), tractions and volume forces; with prescribed displacements or
         temperatures, at least PRESCRIBED_SHARE of their forces
-    warnings : loads without effect, and groups that are loaded twice
+    warnings : loads without effect, and groups with a load or springs twice
     cases : loads and prescribed displacements, by history
     pushes : by history force and moment of the loads of each group, at its factor 1, as of `resultants`
     """

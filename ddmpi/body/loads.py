@@ -396,31 +396,56 @@ def refuse_underflow(
 def lost_loads(
     body: BodySpec, free: np.ndarray, acting: Mapping[str | None, Sequence[tuple[str, np.ndarray]]]
 ) -> list[str]:
-    """Warnings of loads that act on clamps alone, and of groups that are loaded twice; `acting` are the loads by
-    history, as of `loads_by_group`. Not collective."""
-    key, loads = f"body.{body.name}", Counter[tuple[str, str | None]]()
-    warnings = list[str]()
-    for history, groups in acting.items():
-        for group, f in groups:
-            if group == VOLUME:
-                continue
-            loads[group, history] += 1
-            acts, left = (
-                np.abs(forces).max(axis=0) > ALIKE * np.abs(f).max()
-                for forces in (f, np.einsum("kij,kj->ki", free, f))
+    """Warnings of loads that act on clamps alone, and of groups that have a load or springs twice; `acting` are the
+    loads by history, as of `loads_by_group`. Not collective."""
+    key, warnings = f"body.{body.name}", list[str]()
+    for group, f in (each for groups in acting.values() for each in groups):
+        if group == VOLUME:
+            continue
+        acts, left = (
+            np.abs(forces).max(axis=0) > ALIKE * np.abs(f).max()
+            for forces in (f, np.einsum("kij,kj->ki", free, f))
+        )
+        warnings += [
+            Doubt(
+                f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
+                "this direction",
+                "lost",
+                np.abs(f).sum(),
             )
-            warnings += [
-                Doubt(
-                    f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
-                    "this direction",
-                    "lost",
-                    np.abs(f).sum(),
-                )
-                for axis, lost in zip("xyz", acts & ~left, strict=False)
-                if lost
-            ]
+            for axis, lost in zip("xyz", acts & ~left, strict=False)
+            if lost
+        ]
+    given = Counter(_given_twice(body, acting))
     return warnings + [
-        Doubt(f"{key}: {group!r} is loaded {number} times; the loads add up", "twice", number)
-        for (group, _), number in loads.items()
-        if number > 1
+        Doubt(f"{key}: {group!r} has {1 + more} {what}; they add up", "twice", 1 + more)
+        for (group, what, _), more in given.items()
     ]
+
+
+def _given_twice(
+    body: BodySpec, acting: Mapping[str | None, Sequence[tuple[str, np.ndarray]]]
+) -> Iterator[tuple[str, str, str | None]]:
+    """Group, words and history of each load and foundation that does what an earlier one does. Loads of two kinds are
+    meant, such as a pressure and a shear, a force and a moment; so are two of one kind across each other."""
+    former = dict[tuple[str, str, str | None], list[np.ndarray]]()
+    for history, groups in acting.items():
+        tractions = [load for load in body.traction if load.history == history]
+        for load, (_, f) in zip(
+            tractions, groups, strict=False
+        ):  # the volume force is the last one
+            like = load.on, f"loads by {load.kind}", history
+            before = former.setdefault(like, [])
+            if any(
+                abs(np.vdot(f, g)) > ALIKE * np.linalg.norm(f) * np.linalg.norm(g) for g in before
+            ):
+                yield like
+            before.append(f)
+    springs = set[tuple[str, str]]()
+    for foundation in body.foundation:
+        ways = {
+            (foundation.on, way) for way in ("normal", "tangential") if getattr(foundation, way)
+        }
+        if ways & springs:
+            yield foundation.on, "foundations", None
+        springs |= ways

@@ -377,9 +377,13 @@ class Traction(Table, frozen=True, kw_only=True):
     @property
     def given(self) -> Vector | AffineVector | Scalar:
         """The value, the pressure, the force or the moment, whichever there is."""
-        return next(
-            one for one in (self.value, self.pressure, self.force, self.moment) if one is not None
-        )
+        return getattr(self, self.kind)
+
+    @property
+    def kind(self) -> str:
+        """The key of what is given."""
+        keys = ("value", "pressure", "force", "moment")
+        return next(key for key in keys if getattr(self, key) is not None)
 
 
 class Foundation(Table, frozen=True, kw_only=True):

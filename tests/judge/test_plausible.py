@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import scenes
 import solid_scenes
-from boundaries import rectangle, write_msh
+from boundaries import elastic, rectangle, write_msh
 from mpi4py import MPI
 from scenes import (
     CLAMP_END,
@@ -27,7 +27,7 @@ from ddmpi.errors import InputError
 from ddmpi.judge.plausible import _held_through_air, _singular
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.mesh.read import read_mesh
-from ddmpi.scene.bodies import Material
+from ddmpi.scene.bodies import Clamp, Material, Traction
 
 STEEL = {"young": 2e11, "poisson": 0.3}
 
@@ -169,8 +169,31 @@ def test_lost_and_doubled_loads_are_warnings():
     lost, doubled = doubts(scene)
     assert (
         "the load on 'right' along x is lost" in lost
-        and "body.lower: 'bottom' is loaded 2 times" in doubled
+        and "body.lower: 'bottom' has 2 loads by value; they add up" in doubled
     )
+
+
+SHEAR, PRESS = {"value": (1e6, 0.0)}, {"pressure": 1e6}
+PUSH, ACROSS, ALSO = ({"force": force} for force in ((3e5, 4e5), (-4e5, 3e5), (1e5, 0.0)))
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ((PRESS, SHEAR, PUSH, {"moment": 2e5}), ""),
+        ((PUSH, ACROSS), ""),
+        ((PRESS, {"pressure": 0.0}), ""),
+        ((PRESS, PRESS | {"history": "way"}), ""),
+        ((PUSH, PRESS, ACROSS, ALSO), "'top' has 2 loads by force; they add up"),
+        ((PRESS, {"pressure": -2e6}, PRESS), "'top' has 3 loads by pressure; they add up"),
+    ],
+)
+def test_loads_of_one_kind_along_each_other_are_told(given, words):
+    """Those of two kinds are meant, and so are two across each other."""
+    mesh = rectangle((1, 1), (1.0, 1.0))
+    loads = tuple(Traction(on="top", **load) for load in given)
+    told = elastic(mesh, (Clamp(on="bottom", x=0.0, y=0.0),), traction=loads).warnings
+    assert [doubt for doubt in told if "add up" in doubt] == [f"body.body: {words}"] * bool(words)
 
 
 # Of the answer: one warning with these words, or none where there are no words

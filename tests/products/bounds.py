@@ -1446,6 +1446,12 @@ def twice(past: bool) -> dict:
     return alone(traction=loads)
 
 
+def on_springs(past: bool) -> dict:
+    """Springs along the normal twice, or once with springs along the surface."""
+    way = "normal" if past else "tangential"
+    return alone(foundation=[{"on": "right", "normal": 1e9}, {"on": "right", way: 1e9}])
+
+
 def profiled(past: bool) -> dict:
     """Friction whose profile ends with the contact, or 1e-5 of its length before."""
     ends = [LOW[2][0], LOW[2][0] + WIDTH * (1.0 - 1e-5 * past)]
@@ -1587,7 +1593,8 @@ SOLVED = [
     Solved("strains and rotations reach 0.1", strained),
     Solved("are negligible beside those on another body", light),
     Solved("the load on 'top' along x is lost", lost),
-    Solved("'top' is loaded 2 times; the loads add up", twice),
+    Solved("'top' has 2 loads by pressure; they add up", twice),
+    Solved("'right' has 2 foundations; they add up", on_springs),
     Solved("beyond its ends the profile is constant", profiled),
     Solved("linear elements lock at nu = 0.48", locking),
     Solved("rigid.far: no contact names it; nothing touches it", idle),
