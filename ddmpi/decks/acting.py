@@ -70,6 +70,8 @@ class Acts:
         odd = [acting.card for acting in every if not _is_ramp(acting.course)]
         several = len(self.model.ends) > 1 and not self.model.final
         if several or self.model.rubbing or (odd and self.model.friction):
+            for card in self.model.jumps:
+                self.notes.changed(card, "it jumps, over a thousandth of the step")
             return True
         for card in odd:
             self.notes.changed(card, "its amplitude counts at the end of the step")
@@ -526,7 +528,7 @@ def _is_ramp(course: Course) -> bool:
 def _scaled(course: Course) -> tuple[float, Course]:
     """The largest value of a course, and the course over it, without points on the lines between their neighbours."""
     peak = max((value for _, value in course), key=abs)
-    points = [(time, round(value / (peak or 1.0), 12)) for time, value in course]
+    points = [(time, round(value / (peak or 1.0), 12) + 0.0) for time, value in course]
     return peak, tuple(
         point
         for k, point in enumerate(points)

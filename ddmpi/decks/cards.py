@@ -196,6 +196,9 @@ PARAMETERS = {
 }
 """Keywords that are read, and their parameters that are read or change no answer; any other parameter is lost."""
 
+SUDDEN = 1e-3
+"""A load that jumps comes over this fraction of its step, in which other loads change by no more of theirs."""
+
 EXACT = 1e-6
 """Directions, values on linear functions, moments of forces and layers of nodes are equal up to this fraction."""
 

@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.cards import (
+    EXACT,
     OF_STEPS,
     PARAMETERS,
     PERTURBATIONS,
     REFUSED,
     SILENT,
+    SUDDEN,
     WITHOUT_EFFECT,
     Acting,
     Card,
@@ -68,6 +70,7 @@ class Model:
     start : initial temperatures by node
     equations : by the node and component of their first term: keyword, and node, component and coefficient of all terms
     ends : times of the ends of the steps
+    jumps : keywords of loads and supports that jump
     final : whether the model changes between the steps, so that only the state at the end is computed
     """
 
@@ -87,6 +90,7 @@ class Model:
         self.heated: list[tuple[Card, set[int]]] = []
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
+        self.jumps: list[Card] = []
         self.changing: list[tuple[Card, str]] = []  # what differs from step to step, and is no load
         self._named = self._by_name("AMPLITUDE")
         for text in amplitudes:  # NAME=time,factor,…
@@ -127,6 +131,7 @@ class Model:
         self._fresh: dict[str, dict[Any, tuple[Card, float]]] = {kind: {} for kind in self.kinds}
         self._renewed: set[str] = set()
         self._since = 0  # place of the first card of this step
+        self._at_once = False  # whether loads without an amplitude jump at its beginning
         self._changed = ""  # the interaction of which a step changes something
         self._opened: dict[str, Card] = {}  # the first card of each kind in a step
         self._read()
@@ -284,8 +289,7 @@ class Model:
             self.notes.changed(
                 cards[0], "warning: NLGEOM: displacements and strains are small here"
             )
-        if cards[0].says("AMPLITUDE") == "STEP":
-            self.notes.changed(cards[0], "loads that come at once come over the step")
+        self._at_once = cards[0].says("AMPLITUDE") == "STEP"
         self._renewed = set()
         self._opened = {}
         self._since = cards[0].place
@@ -328,11 +332,23 @@ class Model:
             return None
         elif kind in self._renewed:
             value = 0.0
-            on = [(end, 0.0)]
-        course = (*old.course, *on)
-        if course[-1][0] != end:  # it stays
-            course = (*course, (end, course[-1][1]))
-        return Acting(card, course[1:] if course[1][0] == 0.0 else course, value)
+            on = self._course(card._replace(given={}), value, begin, end)
+        before = old.course[-1][1]
+        then = self._jumped(card, before, on) if on else [(end, before)]  # or it stays
+        return Acting(card, (*old.course, *then), value)
+
+    def _jumped(
+        self, card: Card, before: float, on: Sequence[tuple[float, float]]
+    ) -> list[tuple[float, float]]:
+        """The values of a load in a step after its value `before`, from which it may jump at the beginning."""
+        (begin, first), *then = on
+        if not then:
+            return [*on]
+        if abs(first - before) <= EXACT * max(abs(value) for _, value in on):
+            return then
+        self.jumps.append(card)
+        soon = begin + SUDDEN * (on[-1][0] - begin)
+        return [(soon, first), *(point for point in then if point[0] > soon)]
 
     def _goes_on(self, card: Card) -> bool:
         """Whether a load follows an amplitude of the total time, in later steps too."""
@@ -342,10 +358,10 @@ class Model:
     def _course(
         self, card: Card, value: float, begin: float, end: float
     ) -> list[tuple[float, float]]:
-        """The values of a load of a step: a ramp, or its amplitude."""
+        """The values of a load of a step: that at the end of a ramp, or all of an amplitude from the beginning on."""
         name = card.says("AMPLITUDE")
         if not name:
-            return [(end, value)]
+            return [(begin, value)] * self._at_once + [(end, value)]
         if called(name) not in self._named:
             raise card.error(f"there is no *AMPLITUDE {name}")
         given = self._named[called(name)]
@@ -366,11 +382,14 @@ class Model:
             + (0.0 if self._goes_on(card) else begin)
             + table[:, 0]
         )
-        inner = times[(times > begin) & (times < end)].tolist()
-        first = [0.0] if begin == 0.0 and table[0, 1] else []  # it begins at once
+        if (jumps := np.flatnonzero(np.diff(times) == 0.0)).size:
+            self.jumps.append(card)
+            times[jumps] -= SUDDEN * (end - begin)
+            times = np.maximum.accumulate(times)
+        inner = np.unique(times[(times > begin) & (times < end)]).tolist()
         return [
             (time, value * float(np.interp(time, times, table[:, 1])))
-            for time in (*first, *inner, end)
+            for time in (begin, *inner, end)
         ]
 
     def _take(self, card: Card) -> None:

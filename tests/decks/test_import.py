@@ -365,7 +365,10 @@ def test_amplitudes(tmp_path):
         "times": [0.0, 1.0, 2.0, 3.0],
         "factors": [0.0, pytest.approx(1 / 6), 1.0, 1.0],
     }
-    assert loads[0.0, 0.0, 81.0] == {"times": [0.0, 2.0, 3.0], "factors": [1.0, 0.5, 0.0]}
+    assert loads[0.0, 0.0, 81.0] == {
+        "times": [0.0, 0.002, 2.0, 3.0],
+        "factors": [0.0, 1.0, 0.5, 0.0],
+    }
     assert loads[12.0, 0.0, 0.0] == {"times": [0.0, 2.0, 3.0], "factors": [0.0, 0.0, 1.0]}
     assert scene["time"] == {"points": [2.0, 3.0], "steps": 1}
 

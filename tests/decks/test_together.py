@@ -361,7 +361,7 @@ TOLD = [
         "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nA_Z1, 20.\nA_X1, 0.\n*STEP",
         "some of its nodes have another initial temperature before; the last one counts",
     ),
-    ("*STEP", "*STEP, AMPLITUDE=STEP", "loads that come at once come over the step"),
+    ("*STEP", "*STEP, AMPLITUDE=STEP", "its amplitude counts at the end of the step"),
     (
         "*CLOAD",
         f"{RAMPS}*CLOAD, AMPLITUDE=UP",
@@ -375,6 +375,58 @@ def test_what_counts_is_told(tmp_path, old, new, words):
     """Where of several the last one counts, or their sum, and what is left out."""
     deck = BOX + ROLLERS + PULL
     assert deck.count(old) >= 1 and words in imported(tmp_path, deck.replace(old, new, 1))[1]
+
+
+ONE = "*AMPLITUDE, NAME=ONE\n0., 1., 1., 1.\n"
+LATER = "*AMPLITUDE, NAME=ONE\n0., 0., 0.5, 0., 0.5, 1.\n"
+FIRST = step("*DSLOAD", "S, P, 1.")
+JUMPS = {
+    "an amplitude jumps at a step": (
+        ONE + FIRST + step("*DLOAD, AMPLITUDE=ONE", "10, P2, 1."),
+        [0.0, 1.0, 1.001, 2.0],
+        [0.0, 0.0, 1.0, 1.0],
+    ),
+    "or in a step": (
+        LATER + FIRST + step("*DLOAD, AMPLITUDE=ONE", "10, P2, 1."),
+        [0.0, 1.499, 1.5, 2.0],
+        [0.0, 0.0, 1.0, 1.0],
+    ),
+    "or from the value of the step before": (
+        ONE + FIRST + step("*DSLOAD, AMPLITUDE=ONE", "S, P, 2.", time="0.1, 4."),
+        [0.0, 1.0, 1.004, 5.0],
+        [0.0, 0.5, 1.0, 1.0],
+    ),
+    "all loads of a step may": (
+        FIRST + step("*DSLOAD", "S, P, 2.", options=", AMPLITUDE=STEP"),
+        [0.0, 1.0, 1.001, 2.0],
+        [0.0, 0.5, 1.0, 1.0],
+    ),
+    "and those that end there": (
+        FIRST + step("*DSLOAD, OP=NEW", options=", AMPLITUDE=STEP"),
+        [0.0, 1.0, 1.001, 2.0],
+        [0.0, 1.0, 0.0, 0.0],
+    ),
+    "which come down else, whatever amplitude they had": (
+        ONE + step("*DSLOAD, AMPLITUDE=ONE", "S, P, 1.") + step("*DSLOAD, OP=NEW"),
+        [0.0, 0.001, 1.0, 2.0],
+        [0.0, 1.0, 1.0, 0.0],
+    ),
+    "an amplitude that begins where the load is does not jump": (
+        ONE + FIRST + step("*DSLOAD, AMPLITUDE=ONE", "S, P, 1."),
+        [0.0, 1.0, 2.0],
+        [0.0, 1.0, 1.0],
+    ),
+}
+
+
+@pytest.mark.parametrize("steps, times, factors", JUMPS.values(), ids=JUMPS)
+def test_loads_that_jump(tmp_path, steps, times, factors):
+    """As ccx 2.20 has them, over a thousandth of the step in place of its first increment, and told."""
+    deck = BOX + ROLLERS + "*SURFACE, NAME=S\n9, S2\n" + steps
+    scene, lists = imported(tmp_path, deck)
+    history = scene["history"][scene["body"][0]["traction"][-1]["history"]]
+    assert (history["times"], history["factors"]) == (pytest.approx(times), factors)
+    assert ("it jumps, over a thousandth of the step" in lists) == (len(times) > 3)
 
 
 def test_the_last_displacement_counts(tmp_path):
