@@ -77,7 +77,7 @@ class Deck:
         }
         self.names: dict[tuple[str, str], str] = {}
         self.unsorted = set[str]()  # keys of sets whose order counts
-        self._surfaces: dict[tuple[str, str], Card] = {}
+        self._surfaces: dict[str, Card] = {}
         for card in self.cards:
             with card.reading():
                 self._take(card)
@@ -146,9 +146,8 @@ class Deck:
 
     def _take_surface(self, card: Card) -> None:
         name = card.given["NAME"]
-        # a surface of nodes may have the name of one of faces
         kind = "NODES" if card.says("TYPE") == "NODE" else "SURFACE"
-        other = self._surfaces.setdefault((kind, called(f"{card.scope}.{name}")), card)
+        other = self._surfaces.setdefault(called(f"{card.scope}.{name}"), card)
         if other.place != card.place:
             raise DeckError(f"there is a surface {name} on line {other.line} already")
         found: list[Any] = self._entries(card, (row[0] for row in card.rows))

@@ -225,6 +225,10 @@ TWICE = [
         BOX + "*SURFACE, NAME=T\n9, S2\n*SURFACE, NAME=t\n10, S2\n",
         "a surface t on line 131 already",
     ),
+    (
+        BOX + "*SURFACE, NAME=T, TYPE=NODE\nA_Z1\n*SURFACE, NAME=T\n10, S2\n",
+        "a surface T on line 131 already",
+    ),
     (BOX + 2 * "*AMPLITUDE, NAME=UP\n0., 0., 1., 1.\n", f"{ALIKE} UP on line 131 already"),
     (BOX + 2 * "*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n", f"{ALIKE} O on line 131 already"),
     (
