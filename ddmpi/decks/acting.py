@@ -238,7 +238,9 @@ class Acts:
                 way = ()
             if (element, face) not in self.where:
                 if acting.moves:
-                    self.notes.lost(acting.card, "a pressure on a face that is not on a boundary")
+                    words = "a pressure on a face that is not on a boundary"
+                    words += ", which the axis is not" * self.axisymmetric
+                    self.notes.lost(acting.card, words)
                 continue
             piece, facet = self.where[element, face]
             value, history = self.factor(acting)
@@ -297,7 +299,7 @@ class Acts:
                 cards[k] = acting.card
         found = []
         for history, forces in by_history.items():
-            patches, lost = piece.patches(np.array(sorted(forces)), self.axisymmetric)
+            patches, lost = piece.patches(np.array(sorted(forces)))
             for k in lost.tolist():
                 self.notes.lost(cards[k], "a force at a node that is not on the boundary")
             for facets, nodes in patches:

@@ -161,14 +161,19 @@ class Piece:
     ----------
     nodes : (n,) numbers, ascending; points : (n, d) (m)
     facets : (f, 8) places in `nodes` of the corners, in the first four columns, and of the middles of the sides; −1
-        where there are fewer
+        where there are fewer; none on the axis of a body that is `around` it
     owners : (f, 2) element and number of the face
     groups, sets : facets and numbers of nodes by name, as the mesh file has them
     materials : elements by name of the set
     """
 
     def __init__(
-        self, name: str, blocks: list[Block], numbers: np.ndarray, points: np.ndarray
+        self,
+        name: str,
+        blocks: list[Block],
+        numbers: np.ndarray,
+        points: np.ndarray,
+        around: bool = False,
     ) -> None:
         self.name = name
         self.blocks = blocks
@@ -182,6 +187,9 @@ class Piece:
         ends = np.sort(every[:, :4], axis=1)
         _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
         alone = count[number.ravel()] == 1
+        if around:
+            axis = np.abs(self.points[:, 0]) <= EXACT * np.ptp(self.points)
+            alone &= ~np.isin(every, [*self.nodes[axis], -1]).all(axis=1)
         self.facets = np.where(every[alone] < 0, -1, np.searchsorted(self.nodes, every[alone]))
         self.owners = owners[alone]
 
@@ -224,14 +232,9 @@ class Piece:
         """The name of a set of these nodes (places); a new one, like `name`, if there is none yet."""
         return _kept(self.sets, np.unique(nodes), name, self.taken)
 
-    def patches(
-        self, loaded: np.ndarray, around: bool = False
-    ) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+    def patches(self, loaded: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
         """Facets to carry the forces at places `loaded` (k,), and the nodes whose forces they carry: whole facets that
-        hang together, else those around nodes that hang together; and the nodes that have no facet. Those on the axis
-        carry none if the body is `around` it."""
-        on_axis = np.append(np.abs(self.points[:, 0]) <= EXACT * np.ptp(self.points), True)
-        carries = ~(around & on_axis[self.facets].all(axis=1))
+        hang together, else those around nodes that hang together; and the nodes that have no facet."""
         marked = np.zeros(len(self.nodes) + 1, bool)
         marked[loaded] = marked[-1] = True
         ends = marked[self.facets[:, :4]].all(axis=1)
@@ -242,7 +245,6 @@ class Piece:
         left = marked[:-1].copy()
         for some in (whole, None):
             some = np.append(left, False)[self.facets].any(axis=1) if some is None else some
-            some = some & carries
             loads = np.flatnonzero(some)
             component = connected(self.facets[loads, :4])
             for facets in (loads[component == k] for k in range(component.max(initial=-1) + 1)):

@@ -103,7 +103,7 @@ class Importer:
             elements = frozenset(elements_of(own).tolist())
             named = sets.get(elements) or f"part{len(pieces) + 1}"
             name = own_name(named, [piece.name for piece in pieces])
-            pieces.append(Piece(name, own, numbers, points))
+            pieces.append(Piece(name, own, numbers, points, self.family == "CAX"))
         return pieces
 
     def _elements(self) -> tuple[str, list[Block]]:

@@ -936,3 +936,24 @@ def test_forces_at_nodes_on_the_axis_are_on_the_faces_beside_it(tmp_path):
     assert reaction == pytest.approx([0.0, -5.0], abs=1e-9)
     words = "a force at a node that is not on the boundary"
     assert words in refused(tmp_path, deck + step("*CLOAD", "4, 2, 5."))
+
+
+def test_faces_on_the_axis_are_no_boundary(tmp_path):
+    """A pressure there is refused by its line; contacts leave them out, with a word; beside the axis they are faces."""
+    low = grid("A", (2, 2), (2.0, 1.0), kind="CAX4") + STEEL + SECTION + "*BOUNDARY\nA_Y0, 2\n"
+    words = "a pressure on a face that is not on a boundary, which the axis is not"
+    assert words in refused(tmp_path, low + step("*DLOAD", "1, P4, 5.", "3, P3, 5."))
+    ring = low.replace("*ELEMENT", "1, 0.01, 0.0\n4, 0.01, 0.5\n*ELEMENT")
+    ring = ring.replace("1, 0.0, 0.0\n", "").replace("4, 0.0, 0.5\n", "")
+    assert imported(tmp_path, ring + step("*DLOAD", "1, P4, 5."))[0]["body"][0]["traction"]
+    top = grid("B", (2, 1), (2.0, 1.0), [0.0, 1.0], 101, "CAX4")
+    top += "*SOLID SECTION, ELSET=B, MATERIAL=STEEL\n" + LAW
+    faces = "*SURFACE, NAME=M\nHIGH, S3\n*SURFACE, NAME=S\n101, S1\n102, S1\n101, S4\n"
+    deck = low + "*ELSET, ELSET=HIGH\n3, 4\n" + top + faces + f"{PAIR}\nS, M\n"
+    deck += step("*BOUNDARY", "B_Y1, 2, 2, -0.001")
+    assert (
+        "faces of the surface S that are on no boundary (1) are left out"
+        in imported(tmp_path, deck)[1]
+    )
+    (contact,) = solved(tmp_path, deck).summary["contacts"].values()
+    assert contact["normal_force"] == pytest.approx(4.0 * np.pi * 210000.0 * 0.0005, rel=1e-6)

@@ -797,8 +797,8 @@ MUTANTS = [
         (
             "the axis of a deck has forces",
             "decks/pieces",
-            "carries = ~(around & on_axis[self.facets].all(axis=1))",
-            "carries = np.ones(len(self.facets), bool)",
+            "np.abs(self.points[:, 0]) <= EXACT * np.ptp(self.points)",
+            "self.points[:, 0] < 0.0",
             f"{TOGETHER}::test_forces_at_nodes_on_the_axis_are_on_the_faces_beside_it",
         ),
         (
