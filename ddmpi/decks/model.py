@@ -714,7 +714,9 @@ class Model:
             for row in card.rows
             if row[0].isdigit()
         ]
-        if card.rows and not {1, 2, 3} <= {
+        solid = any(block.card.says("TYPE").startswith("C3D") for block in self.deck.blocks)
+        needed = {1, 2, 3} if solid else {1, 2}
+        if card.rows and not needed <= {
             k for first, last in ranges for k in range(first, last + 1)
         }:
             self.notes.lost(card, "a coupling of some components only")

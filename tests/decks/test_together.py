@@ -105,6 +105,13 @@ def test_a_rigid_body_in_the_plane(tmp_path):
     deck += "*RIGID BODY, NSET=A_X1, REF NODE=900\n*BOUNDARY\nA_X0, 1, 2\n"
     deck += step("*CLOAD", "900, 2, -3.", "900, 6, 5.")
     (rigid,) = imported(tmp_path, deck)[0]["rigid"]
+    coupled = "*SURFACE, NAME=END\n8, S2\n16, S2\n" + KINEMATIC.format("END").replace("1, 3", "{}")
+    for components, found in ("1, 2", [rigid]), ("1, 2\n6", [rigid]), ("1", None):
+        text = deck.replace(RIGID.format("A_X1"), coupled.format(components))
+        if found:
+            assert imported(tmp_path, text)[0]["rigid"] == found
+        else:
+            assert "a coupling of some components only" in refused(tmp_path, text)
     assert (rigid["force"], rigid["moment"], rigid["pivot"]) == ([0.0, -6.0], 10.0, [6.0, 0.5])
     assert rigid["shape"] == "node" and rigid["free"] == ["x"]
     reaction = solved(tmp_path, deck).summary["bodies"]["A"]["reactions"]["A_X0"]
