@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
 from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import EXACT, Acting, Card, Entries, Rigid
 from ddmpi.decks.model import Model
-from ddmpi.decks.pieces import Piece, connected
+from ddmpi.decks.pieces import Piece, Side, connected
 
 CLOSE = 1e-4
 """Pairs of nodes and their coefficients are alike up to this fraction, as decks have few digits."""
@@ -207,8 +208,8 @@ class Equations:
 
     def _no_face(self, body: set[int], only: int | None, count: int) -> str:
         """Why nodes are no faces, or no flat one of one body with the normal along the `only` axis; empty if they are."""
-        faces = [(piece, self._face(piece, body, set())) for piece, *_ in self.acts.at(body)]
-        if not faces or any(on is None for _, on in faces):
+        faces = [(piece, _faces(piece, body, set())) for piece, *_ in self.acts.at(body)]
+        if not faces or not all(_covers(*side, [*body]) for side in faces):
             return "its nodes are no whole faces"
         flat = only is None or (count == len(faces) == 1 and self._flat(*faces[0], only))
         words = "nodes that move together, not along all axes or the normal of one flat face"
@@ -218,14 +219,6 @@ class Equations:
         """Whether a face of a body is flat across an axis."""
         heights = piece.points[np.setdiff1d(piece.facets[on], [-1]), axis]
         return bool(np.ptp(heights) <= 0.5 * EXACT * np.ptp(piece.points, axis=0).max())
-
-    def _face(self, piece: Piece, nodes: set[int], fixed: set[int]) -> Any:
-        """The facets (k,) of a body that have some of these nodes, and apart from them `fixed` ones alone; none where
-        others have some of the nodes."""
-        own = np.append(piece.within(nodes), False)
-        free = np.append(~piece.within(nodes | fixed), False)
-        on = np.flatnonzero(own[piece.facets].any(axis=1) & ~free[piece.facets].any(axis=1))
-        return None if np.setdiff1d(np.flatnonzero(own), piece.facets[on]).size else on
 
     def _bond(self, first: Piece, second: Piece, left: list[list[Row]]) -> list[list[Row]]:
         """Bond the faces of the pairs that stand to each other as the first one of a `Tie`, x¹ = Q x² + t; the other pairs."""
@@ -247,9 +240,14 @@ class Equations:
             [at and self._says(one, tie) for one, at in zip(left, near, strict=True)], bool
         )
         reason, entries = _image(*self._way(tie.Q, off[tie.lead], close), close)
-        on = self._face(first, {*a[fits]}, self.fixed)
-        against = self._face(second, {*b[fits]}, self.fixed)
-        if on is None or against is None or len(on) != len(against):
+        on, against = _facing(
+            (first, _faces(first, {*a[fits]}, self.fixed)),
+            (second, _faces(second, {*b[fits]}, self.fixed)),
+            tie.Q,
+            off[tie.lead],
+            close,
+        )
+        if not (_covers(first, on, a[fits]) and _covers(second, against, b[fits])):
             reason = "pairs of nodes that are no whole faces"
         elif not reason:
             reason, gap = self._along(tie, left[tie.lead], first, on)
@@ -305,6 +303,31 @@ class Equations:
         said = [row.v for row in rows]
         every = (held + said, held + bond, held + said + bond)
         return len({int(np.linalg.matrix_rank(some, CLOSE)) for some in every}) == 1
+
+
+def _faces(piece: Piece, nodes: set[int], fixed: set[int]) -> np.ndarray:
+    """The facets (k,) of a body that have some of these nodes, and apart from them `fixed` ones alone."""
+    own = np.append(piece.within(nodes), False)
+    free = np.append(~piece.within(nodes | fixed), False)
+    return np.flatnonzero(own[piece.facets].any(axis=1) & ~free[piece.facets].any(axis=1))
+
+
+def _covers(piece: Piece, facets: np.ndarray, nodes: Sequence[int] | np.ndarray) -> bool:
+    """Whether facets of a body have all of those `nodes` that it has."""
+    own = np.flatnonzero(piece.within(nodes))
+    return not np.setdiff1d(own, piece.facets[facets]).size
+
+
+def _facing(
+    one: Side, other: Side, Q: np.ndarray, t: np.ndarray, close: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Of the facets (k,) of two sides the pairs whose middles are at x¹ = Q x² + t: in a layer of one element those
+    between the faces have such nodes, too."""
+    (first, on), (second, against) = one, other
+    image = second.middles(against) @ Q.T + t
+    distance, place = KDTree(first.middles(on)).query(image)
+    near = distance <= close
+    return on[place[near]], against[near]
 
 
 def _nothing(card: Card, model: Model) -> Acting:

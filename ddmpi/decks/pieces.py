@@ -286,6 +286,12 @@ class Piece:
         at = self.facets[facets[0], : self.points.shape[1]]
         return normal * np.sign((self.points[at].mean(axis=0) - self.points.mean(axis=0)) @ normal)
 
+    def middles(self, facets: np.ndarray) -> np.ndarray:
+        """(f, d) the mean of the nodes of each of these facets."""
+        places = self.facets[facets]
+        there = (places >= 0)[..., None]
+        return np.where(there, self.points[places], 0.0).sum(axis=1) / there.sum(axis=1)
+
     def middle(self, facets: np.ndarray) -> np.ndarray:
         """(d,) the mean of the nodes of these facets."""
         nodes = np.unique(self.facets[facets])

@@ -52,6 +52,18 @@ def test_equal_displacements_of_two_faces_are_a_bond(tmp_path, joint):
     assert answer.bodies["B"].displacement[:, 2].max() == pytest.approx(27.0 / YOUNG, rel=1e-9)
 
 
+@pytest.mark.parametrize("components", [(1, 2, 3), (3,)])
+def test_layers_of_one_element_are_joined_at_their_faces(tmp_path, components):
+    """Their sides have nodes of supports and of the pairs alone, and are no faces in contact: a bar in series."""
+    upper = grid("B", (2, 2, 1), (1.0, 1.0, 0.5), [0.0, 0.0, 0.5], 101)
+    deck = grid("A", (2, 2, 1), (1.0, 1.0, 0.5)) + upper + STEEL + SECTION
+    deck += "*SOLID SECTION, ELSET=B, MATERIAL=STEEL\n*BOUNDARY\nA_Z0, 1, 3\nB_Z1, 1, 2\n"
+    deck += equal("A_Z1", "B_Z0", components) + step("*BOUNDARY", "B_Z1, 3, 3, 0.001")
+    deck = deck.replace("210000., 0.3", "210000., 0.")
+    (found,) = solved(tmp_path, deck).summary["contacts"].values()
+    assert found["normal_force"] == pytest.approx(-YOUNG * 0.001, rel=1e-7)
+
+
 def test_equal_displacements_along_the_normal_are_a_guided_face(tmp_path):
     """Two boxes that slide past each other: the upper one is pushed aside, against the roller at its end, and neither
     parts from the lower one nor moves it."""
