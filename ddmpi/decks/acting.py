@@ -258,10 +258,8 @@ class Acts:
             if node not in inside and acting.moves:
                 self.notes.lost(acting.card, "a force at a node of no body")
         for (node, _), acting in self.kinds["supports"].items():
-            if node not in inside and node in model.deck.points:
+            if node not in inside:
                 self.notes.changed(acting.card, "a support at a node of no body is left out")
-            elif node not in inside:
-                self.notes.lost(acting.card, "a support at a node that the deck does not have")
 
     def _flat(self, card: Card, vector: np.ndarray) -> np.ndarray:
         """A vector (3,) along the axes of the scene (d,); what points out of the plane is lost."""

@@ -39,8 +39,9 @@ MOST = 10**8
 STRIDE = 10**12
 """Numbers of nodes and elements of the k-th instance are raised by k times this, as each counts for itself."""
 
-Entry = int | tuple[str, str]
-"""A member of a set: a number, or the name of another set and the instance in which it is looked up first."""
+Entry = int | tuple[str, str] | tuple[str, str, int | None]
+"""A member of a set: a number, or the name of another set and the instance in which it is looked up first, and how
+many entries of that one count, if not all: those that it has so far."""
 
 
 class Deck:
@@ -57,6 +58,8 @@ class Deck:
     odd : keywords of elements that have no shape, or whose type is not known
     sets : entries by kind and key: sets of nodes and of elements, surfaces of nodes, and of elements with their sides
     names : of sets and surfaces that are not internal, by kind and key, as they are written
+    elements : all numbers of elements
+    grown : keywords that add to a set, and those before them that take this set as it is there
     """
 
     def __init__(self, path: Path) -> None:
@@ -78,6 +81,12 @@ class Deck:
         self.names: dict[tuple[str, str], str] = {}
         self.unsorted = set[str]()  # keys of sets whose order counts
         self._surfaces: dict[str, Card] = {}
+        self.elements = set[int]()
+        self.grown: list[tuple[Card, Card]] = []
+        self._taken: dict[
+            tuple[str, str], Card
+        ] = {}  # the first keyword that takes a set, by kind and key
+        self._listed: list[tuple[Card, str, list[Any]]] = []  # numbers that sets and surfaces name
         for card in self.cards:
             with card.reading():
                 self._take(card)
@@ -121,6 +130,7 @@ class Deck:
             kind = ""
         if not kind:
             self.odd.append(card)
+            self.elements |= {own + int(row[0]) for row in card.rows if row[0].isdigit()}
             return
         rows = [[own + integer(word) for word in row if word] for row in card.rows]
         if rows and min(map(len, rows)) > 1 + count:  # with nodes inside, of incompatible modes
@@ -131,14 +141,16 @@ class Deck:
                 f"it has {len(entries)} numbers, and {name} takes {1 + count} each; is the file cut off?"
             )
         self.blocks.append(Block(kind, entries.reshape(-1, 1 + count), card))
+        found = self.blocks[-1].entries[:, 0].tolist()
+        self.elements.update(found)
         if "ELSET" in card.given:
-            self._set("ELSET", card, self.blocks[-1].entries[:, 0].tolist())
+            self._set("ELSET", card, found)
 
     def _take_set(self, card: Card) -> None:
         if "UNSORTED" in card.given:
             self.unsorted.add(called(f"{card.scope}.{card.given[card.word]}").lstrip("."))
         words = _generated(card) if "GENERATE" in card.given else chain(*card.rows)
-        self._set(card.word, card, self._entries(card, filter(None, words)))
+        self._set(card.word, card, self._entries(card, card.word, filter(None, words)))
         if card.word == "NSET" and "ELSET" in card.given:
             some = list(self.chosen(card, "ELSET", card.given["ELSET"]))
             nodes = [rows[np.isin(rows[:, 0], some), 1:].ravel() for _, rows, _ in self.blocks]
@@ -150,7 +162,8 @@ class Deck:
         other = self._surfaces.setdefault(called(f"{card.scope}.{name}"), card)
         if other.place != card.place:
             raise DeckError(f"there is a surface {name} on line {other.line} already")
-        found: list[Any] = self._entries(card, (row[0] for row in card.rows))
+        of = "NSET" if kind == "NODES" else "ELSET"
+        found: list[Any] = self._entries(card, of, (row[0] for row in card.rows))
         if kind == "SURFACE":
             sides = [entry(row, 1).upper() for row in card.rows]
             found = [*zip(found, sides, strict=True)]
@@ -162,16 +175,39 @@ class Deck:
         name = f"{card.scope}.{name}" if card.scope else name
         if card.word != "NODE" and "INTERNAL" not in card.given:
             self.names.setdefault((kind, called(name)), name)
-        self.sets[kind].setdefault(called(name), []).extend(entries)
+        members = self.sets[kind].setdefault(called(name), [])
+        before = self._taken.get((kind, called(name)))
+        if before and not set(entries) <= set(members):
+            self.grown.append((card, before))
+        members.extend(entries)
 
-    def _entries(self, card: Card, words: Iterable[str]) -> list[Entry]:
+    def _entries(self, card: Card, kind: str, words: Iterable[str]) -> list[Entry]:
+        """Members that a keyword names: numbers, and sets of this kind as they are there, as in Abaqus and CalculiX."""
         scope = called(card.given.get("INSTANCE", card.scope))
         if scope not in self._first:
             raise DeckError(f"there is no instance {scope}")
-        return [
-            self._first[scope] + integer(word) if word.isdigit() else (scope, word.strip('"'))
-            for word in words
-        ]
+        found: list[Entry] = []
+        for word in words:
+            if word.isdigit():
+                found.append(self._first[scope] + integer(word))
+                continue
+            key = self._found(kind, scope, word.strip('"'))
+            if key is not None:
+                self._taken.setdefault((kind, key), card)
+            so_far = None if key is None else len(self.sets[kind][key])
+            found.append((scope, word.strip('"'), so_far))
+        if card.word in ("NSET", "ELSET", "SURFACE"):
+            self._listed.append((card, kind, [one for one in found if isinstance(one, int)]))
+        return found
+
+    def lost(self) -> Iterator[tuple[Card, str]]:
+        """Keywords of sets and surfaces that name nodes or elements that are not there, and these in words."""
+        for card, kind, named in self._listed:
+            known = self.points.keys() if kind == "NSET" else self.elements
+            if missing := sorted(set(named) - known):
+                what = "node" if kind == "NSET" else "element"
+                more = f" and {len(missing) - 1} more" * (len(missing) > 1)
+                yield card, f"there is no {what} {missing[0] % STRIDE}{more}"
 
     def key(self, kind: str, scope: str, *names: str) -> str | None:
         """The key of a set or surface of one of these names, the first of which may be one of an instance `scope`."""
@@ -182,28 +218,37 @@ class Deck:
         """The numbers in a set and in the sets that it names, or the number itself. Raises DeckError."""
         if isinstance(what, int):
             return {what}
-        scope, word = what
+        scope, word, *so_far = what
         inside, _, last = called(word).rpartition(".")
         if last.isdigit() and inside in self._first:  # a node of an instance
             return {self._first[inside] + integer(last)}
-        # a set of an instance is no other one of that name
-        name = self.key(kind, scope, word, word if inside in self.places else last)
+        name = self._found(kind, scope, word)
         if name is None or name in within:
             raise DeckError(
                 f"there is no set {word}" if name is None else f"the set {word} contains itself"
             )
         of = "NSET" if kind == "NODES" else kind  # a surface may have the name of its set
         within = (*within, name) if of == kind else ()
-        return set().union(*(self.members(of, member, within) for member in self.sets[kind][name]))
+        entries = self.sets[kind][name][: so_far[0] if so_far else None]
+        return set().union(*(self.members(of, member, within) for member in entries))
+
+    def _found(self, kind: str, scope: str, word: str) -> str | None:
+        """The key of a set that is named within an instance; one of another instance is no other one of that name."""
+        inside, _, last = called(word).rpartition(".")
+        return self.key(kind, scope, word, word if inside in self.places else last)
 
     def chosen(self, card: Card, kind: str, word: str) -> set[int]:
-        """The numbers of nodes or elements that a data line of `card` names, by set or number. Raises DeckError where
-        there are none."""
+        """The numbers of nodes or elements that a data line of `card` names, by set or number, and that are there.
+        Raises DeckError where there are none."""
         if not word:
             raise DeckError("the name of a set is missing")
-        found = set().union(*(self.members(kind, entry) for entry in self._entries(card, [word])))
+        known = self.elements if kind == "ELSET" else self.points.keys()
+        found = self.members(kind, self._entries(card, kind, [word])[0]) & known
         if not found:
-            raise DeckError(f"the set {word} is empty")
+            what = "element" if kind == "ELSET" else "node"
+            raise DeckError(
+                f"there is no {what} {word}" if word.isdigit() else f"the set {word} is empty"
+            )
         return found
 
     def ends(self, card: Card, name: str) -> list[End]:
@@ -218,7 +263,8 @@ class Deck:
                 raise DeckError(
                     f"the surface {name} has a side {where or '(none)'} that is no face S1 to S6"
                 )
-            found += [(one, int(where[1])) for one in sorted(self.members("ELSET", what))]
+            some = self.members("ELSET", what) & self.elements
+            found += [(one, int(where[1])) for one in sorted(some)]
         return [*dict.fromkeys(found)]
 
     def stands(self, card: Card) -> Card:

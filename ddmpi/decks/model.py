@@ -194,8 +194,6 @@ class Model:
         nodes = self._nodes(card, what)
         if len(nodes) != 1:
             raise card.error(f"{what} has {len(nodes)} nodes; one is needed")
-        if nodes - self.deck.points.keys():
-            raise card.error(f"there is no node {what}")
         return nodes.pop()
 
     def _read(self) -> None:
@@ -323,7 +321,7 @@ class Model:
         """A load or support to the end of a step, which gives it a `fresh` value or none, as what is over the `first`
         one of a temperature; None for a support that ends with OP=NEW."""
         card, value = fresh or (old.card, old.value)
-        on: Iterable[tuple[float, float]] = ()
+        on: Sequence[tuple[float, float]] = ()
         if fresh or (kind not in self._renewed and self._goes_on(card)):
             given = self._course(card, value, begin, end)
             on = [(time, one - first) for time, one in given]
@@ -693,11 +691,14 @@ class Model:
     def _on_coupling(self, card: Card) -> None:
         ref = self.node(card, card.given["REFNODE"])
         name = card.given["SURFACE"]
-        try:
+        if self.deck.key("NODES", card.scope, name):
             nodes = self.deck.chosen(card, "NODES", name)
-        except DeckError:
+        else:
             ends = set(self.deck.ends(card, name))
-            nodes = set(nodes_of_faces(self.deck.blocks, ends)[:, :4].ravel().tolist()) - {-1}
+            faces = nodes_of_faces(self.deck.blocks, ends)
+            if len(faces) < len(ends):
+                raise DeckError(f"the surface {name} has faces that its elements do not have")
+            nodes = set(faces[:, :4].ravel().tolist()) - {-1}
         self._coupling = Rigid(card, nodes, ref, ref)
 
     def _on_kinematic(self, card: Card) -> None:
@@ -736,8 +737,6 @@ class Model:
         most = max(map(len, nodes))
         if {*map(len, nodes)} - {1, most}:
             raise DeckError("it has sets of different sizes")
-        if lost := set().union(*nodes) - self.deck.points.keys():
-            raise DeckError(f"there is no node {min(lost) % STRIDE}")
         if max(way for _, way, _ in terms) > 3 or not terms[0][2]:
             raise DeckError("its nodes have the components 1 to 3 alone, and the first one counts")
         for k in range(most):

@@ -75,6 +75,7 @@ class Importer:
                     name == "PERTURBATION" and linear
                 ):
                     self.notes.lost(card, f"its parameter {name} is not possible")
+        self._tell_sets()
         self.cuts: list[Cut] = []
         self.family, blocks = self._elements()
         self.pieces = self._pieces(blocks)
@@ -82,6 +83,14 @@ class Importer:
         self.integration = {piece.name: self._integration(piece) for piece in self.pieces}
         self.matter = Matter(self.model, self.family)
         self.acts = Acts(self.matter, self.pieces, self.cuts)
+
+    def _tell_sets(self) -> None:
+        """Note what sets name that is not there, and what they get too late."""
+        for card, words in self.deck.lost():
+            self.notes.changed(card, f"{words}; left out")
+        for card, before in self.deck.grown:
+            words = f"line {before.line} has the set as it is there, without these"
+            self.notes.changed(card, f"{words}, as in Abaqus and CalculiX")
 
     def _pieces(self, blocks: Sequence[Block]) -> list[Piece]:
         """The bodies of these elements. Raises DeckError where nodes are not there."""
@@ -179,7 +188,8 @@ class Importer:
         for key in sorted(named, key=lambda key: key.rpartition(".")[2] not in of_sections):
             scope = key.rpartition(".")[0]
             name = self.deck.places[scope].name if scope in self.deck.places else named[key]
-            found.setdefault(frozenset(self.deck.members("ELSET", ("", key))), name)
+            members = self.deck.members("ELSET", ("", key)) & self.deck.elements
+            found.setdefault(frozenset(members), name)
         return found
 
     def scene(self, title: str) -> Entries:

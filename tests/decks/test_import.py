@@ -1254,7 +1254,7 @@ LOST_LATER = [
     ),
     (
         COUPLED + "*BOUNDARY\n901, 1\n" + step("*CLOAD", "36, 1, 1."),
-        "a support at a node that the deck does not have",
+        "*BOUNDARY: there is no node 901",
     ),
     (COUPLED + step("*CLOAD", "900, 1, 1."), "*CLOAD: a force at a node of no body"),
     (

@@ -9,6 +9,7 @@ from decks import STEEL, grid, step
 from mpi4py import MPI
 from test_import import (
     BOX,
+    COUPLED,
     LAW,
     PAIR,
     ROLLERS,
@@ -136,7 +137,7 @@ def test_a_rigid_body_in_the_plane(tmp_path):
 
 LOST = "*NSET, NSET=LOST\n77777, 77778\n"
 APART = [
-    (LOST + RIGID.format("LOST") + RIGID.format("B_X0"), "one has no node of a body"),
+    (LOST + RIGID.format("LOST") + RIGID.format("B_X0"), "*RIGID BODY: the set LOST is empty"),
     (
         "*SURFACE, NAME=S, TYPE=NODE\n901\n" + KINEMATIC.format("S") + KINEMATIC.format("SB"),
         "one has no node of a body",
@@ -228,6 +229,13 @@ def test_a_large_turn_with_nlgeom_is_refused(tmp_path):
 
 ALIKE = "there is one of the name"
 TWICE = [
+    (COUPLED + "*NSET, NSET=G\nA_X0\n*RIGID BODY, NSET=G, REF NODE=901\n", "there is no node 901"),
+    (BOX + "*BOUNDARY\n901, 1\n", "*BOUNDARY: there is no node 901"),
+    (BOX + "*SOLID SECTION, ELSET=99, MATERIAL=STEEL\n", "*SOLID SECTION: there is no element 99"),
+    (
+        COUPLED.replace("UP, S2", "UP, S7") + KINEMATIC.format("TOP") + "*ELSET, ELSET=TIP\n9\n",
+        "the surface TOP has faces that its elements do not have",
+    ),
     (
         BOX + "*SURFACE, NAME=T\n9, S2\n*SURFACE, NAME=t\n10, S2\n",
         "a surface t on line 131 already",
@@ -277,7 +285,7 @@ TWICE = [
 
 
 @pytest.mark.parametrize("deck, words", TWICE)
-def test_what_is_there_twice_is_refused(tmp_path, deck, words):
+def test_what_is_there_twice_or_not_at_all_is_refused(tmp_path, deck, words):
     """With the line of the other, where it may mean either."""
     assert words in refused(tmp_path, deck + ROLLERS + PULL)
 
@@ -386,6 +394,51 @@ def test_what_counts_is_told(tmp_path, old, new, words):
     """Where of several the last one counts, or their sum, and what is left out."""
     deck = BOX + ROLLERS + PULL
     assert deck.count(old) >= 1 and words in imported(tmp_path, deck.replace(old, new, 1))[1]
+
+
+MISSING = [
+    ("*NSET, NSET=A_Z1\n77778, 77777, 1\n", "*NSET: there is no node 77777 and 1 more; left out"),
+    ("*NSET, NSET=HOLES, GENERATE\n30, 37\n", "*NSET: there is no node 37; left out"),
+    ("*ELSET, ELSET=A\n13\n", "*ELSET: there is no element 13; left out"),
+    ("*SURFACE, NAME=S\n14, S2\n", "*SURFACE: there is no element 14; left out"),
+    ("*SURFACE, NAME=S, TYPE=NODE\n37\n", "*SURFACE: there is no node 37; left out"),
+]
+
+
+@pytest.mark.parametrize("card, words", MISSING)
+def test_numbers_that_are_not_there_are_told(tmp_path, card, words):
+    """In sets and surfaces, by the line that names them; the scene is that without them."""
+    deck = BOX + ROLLERS + PULL.replace("A_Z1", "A_X1")
+    (plain, _), (scene, lists) = imported(tmp_path, deck), imported(tmp_path, deck + card)
+    assert words in lists.split("changed:")[1] and scene == plain
+
+
+GROWN = [
+    ("*NSET, NSET=HELD, ELSET=E\n", "*ELSET, ELSET=E\n9, 10\n"),
+    ("*NSET, NSET=F, ELSET=E\n*NSET, NSET=HELD\nF, 28\n", "*NSET, NSET=F\n36\n"),
+    ("*ELSET, ELSET=D\nE\n*NSET, NSET=HELD, ELSET=D\n", "*ELSET, ELSET=E\n9, 10\n"),
+]
+
+
+@pytest.mark.parametrize("sets, more", GROWN)
+def test_a_set_has_what_its_sets_have_where_it_stands(tmp_path, sets, more):
+    """As in Abaqus and CalculiX; what these get later is told. A set that is made later still has them."""
+    deck = BOX + "*ELSET, ELSET=E, GENERATE\n1, 4\n{}*BOUNDARY\nHELD, 1, 3\n" + PULL
+    decks = [deck.format(cards) for cards in (sets, sets + more, more + sets)]
+    lists = [imported(tmp_path, text)[1] for text in decks]
+    files = [(tmp_path / f"{k}" / "deck" / "A.inp").read_text() for k in range(3)]
+    plain, scene, after = (text.partition("NSET=HELD")[2].partition("*")[0] for text in files)
+    assert scene == plain != after
+    words = "has the set as it is there, without these, as in Abaqus and CalculiX"
+    assert [words in one.split("changed:")[1] for one in lists] == [False, True, False]
+
+
+def test_a_surface_has_what_its_sets_have_where_it_stands(tmp_path):
+    """A pressure on it is not on elements that its set gets later."""
+    top = "*ELSET, ELSET=T\n9, 10\n*SURFACE, NAME=S\nT, S2\n*ELSET, ELSET=T\n11, 12\n"
+    push = step("*DSLOAD", "S, P, 3.")
+    loads = solved(tmp_path, BOX + ROLLERS + top + push).summary["bodies"]["A"]["loads"]
+    assert loads["S"]["force"] == pytest.approx([0.0, 0.0, -1.5])
 
 
 ONE = "*AMPLITUDE, NAME=ONE\n0., 1., 1., 1.\n"
