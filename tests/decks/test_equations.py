@@ -62,6 +62,10 @@ def test_layers_of_one_element_are_joined_at_their_faces(tmp_path, components):
     deck = deck.replace("210000., 0.3", "210000., 0.")
     (found,) = solved(tmp_path, deck).summary["contacts"].values()
     assert found["normal_force"] == pytest.approx(-YOUNG * 0.001, rel=1e-7)
+    for name, side in ("A", "S2"), ("B", "S1"):
+        mesh = (tmp_path / "0" / "deck" / f"{name}.inp").read_text()
+        faces = re.findall("S[1-6]", mesh.partition("NAME=tied\n")[2].partition("*")[0])
+        assert faces == [side] * 4
 
 
 def test_equal_displacements_along_the_normal_are_a_guided_face(tmp_path):

@@ -285,7 +285,7 @@ TWICE = [
 
 
 @pytest.mark.parametrize("deck, words", TWICE)
-def test_what_is_there_twice_or_not_at_all_is_refused(tmp_path, deck, words):
+def test_what_is_there_twice_is_refused(tmp_path, deck, words):
     """With the line of the other, where it may mean either."""
     assert words in refused(tmp_path, deck + ROLLERS + PULL)
 

@@ -769,9 +769,30 @@ MUTANTS = [
         (
             "temperatures of a deck end at zero in place of the initial ones",
             "decks/model",
-            "on = [(end, 0.0)]",
-            "on = [(end, -first)]",
+            "self._course(card._replace(given={}), value, begin, end)",
+            "self._course(card._replace(given={}), value - first, begin, end)",
             f"{TOGETHER}::test_temperatures_begin_and_end_at_the_initial_ones",
+        ),
+        (
+            "loads of a deck do not jump",
+            "decks/model",
+            "abs(first - before)",
+            "0.0",
+            f"{TOGETHER}::test_loads_that_jump",
+        ),
+        (
+            "sets have what their sets get later",
+            "decks/deck",
+            "[:so_far[0] if so_far else None]",
+            "[:]",
+            f"{TOGETHER}::test_a_set_has_what_its_sets_have_where_it_stands",
+        ),
+        (
+            "equations join sides of layers",
+            "decks/equations",
+            "return (on[place[near]], against[near])",
+            "return (on, against)",
+            "decks/test_equations.py::test_layers_of_one_element_are_joined_at_their_faces",
         ),
         (
             "unsorted nodes of equations are sorted",
@@ -2687,7 +2708,7 @@ MUTANTS = [
         (
             "a part of a face is bonded",
             "decks/equations",
-            "if on is None or against is None or len(on) != len(against):",
+            "if not (_covers(first, on, a[fits]) and _covers(second, against, b[fits])):",
             "if False:",
             "decks/test_equations.py::test_other_equations_are_refused_by_line",
         ),
