@@ -94,7 +94,7 @@ def _words(text: str) -> frozenset[str]:
 SILENT = _words(
     "HEADING ENDSTEP PHYSICALCONSTANTS CONTROLS PREPRINT NODEPRINT ELPRINT NODEFILE ELFILE "
     "CONTACTFILE CONTACTPRINT FACEPRINT SECTIONPRINT ENERGYPRINT ENERGYFILE OUTPUT NODEOUTPUT "
-    "ELEMENTOUTPUT CONTACTOUTPUT ENERGYOUTPUT MONITOR PRINT RESTART TIMEPOINTS FILEFORMAT "
+    "ELEMENTOUTPUT CONTACTOUTPUT ENERGYOUTPUT MONITOR PRINT TIMEPOINTS FILEFORMAT "
     "PARAMETER NORMAL ENDPART ENDASSEMBLY ENDINSTANCE SURFACESMOOTHING PRE-TENSIONSECTION "
     "SHELLSECTION BEAMSECTION BEAMGENERALSECTION MEMBRANESECTION MEMBRANE FLUIDSECTION SPRING "
     "DASHPOT MASS"
@@ -108,6 +108,8 @@ WITHOUT_EFFECT = {
         "INELASTICHEATFRACTION JOULEHEATFRACTION CFLUX DFLUX FILM RADIATE",
         "currents change no static answer": "ELECTRICALCONDUCTIVITY MAGNETICPERMEABILITY",
         "speeds change no static answer": "DAMPING CONTACTDAMPING",
+        "how programs iterate changes no answer": "CONTACTCONTROLS",
+        "there are no hourglass modes to control": "SECTIONCONTROLS",
     }.items()
     for word in words.split()
 }
@@ -153,19 +155,21 @@ NAMED_SUPPORTS = {
 }
 """Abaqus's words for supports: the components that they hold; nodes of solids have the first three."""
 
-OVER_TIME = "OP AMPLITUDE TIMEDELAY FOLLOWER "
+OVER_TIME = "OP AMPLITUDE TIMEDELAY "
 
 PARAMETERS = {
     word: _words(names)
     for word, names in {
-        "NODE": "NSET",
+        "NODE": "NSET SYSTEM",
         "ELEMENT": "TYPE ELSET",
         "SURFACE": "NAME TYPE INTERNAL",
         "NSET": "NSET ELSET GENERATE INSTANCE INTERNAL UNSORTED",
         "ELSET": "ELSET GENERATE INSTANCE INTERNAL UNSORTED",
         "TRANSFORM": "NSET TYPE",
         "ORIENTATION": "NAME SYSTEM DEFINITION",
-        "SOLIDSECTION": "ELSET MATERIAL ORIENTATION CONTROLS OFFSET",
+        "MATERIAL": "NAME",
+        "SOLIDSECTION": "ELSET MATERIAL ORIENTATION CONTROLS",
+        "CHANGESOLIDSECTION": "ELSET MATERIAL ORIENTATION",
         "ELASTIC": "TYPE MODULI",
         "DENSITY": "",
         "EXPANSION": "TYPE ZERO",
@@ -174,10 +178,12 @@ PARAMETERS = {
         "STEP": "NAME NLGEOM INC INCF UNSYMM EXTRAPOLATION CONVERTSDI SOLVER AMPLITUDE",
         "STATIC": "DIRECT SOLVER STABILIZE ALLSDTOL CONTINUE FACTOR",
         "BOUNDARY": OVER_TIME + "TYPE FIXED SUBMODEL USER STEP",
-        "CLOAD": OVER_TIME,
-        "DLOAD": OVER_TIME,
-        "DSLOAD": OVER_TIME,
+        "CLOAD": OVER_TIME + "FOLLOWER",
+        "DLOAD": OVER_TIME + "FOLLOWER",
+        "DSLOAD": OVER_TIME + "FOLLOWER",
         "TEMPERATURE": OVER_TIME + "FILE USER",
+        "RESTART": "WRITE FREQUENCY OVERLAY NUMBERINTERVAL TIMEMARKS TIMEINTERVAL SINGLE",
+        "MODELCHANGE": "TYPE REMOVE ADD",
         "FRICTION": "SLIPTOLERANCE LAGRANGE ELASTICSLIP",
         "SURFACEINTERACTION": "NAME",
         "CHANGEFRICTION": "INTERACTION",
@@ -185,10 +191,13 @@ PARAMETERS = {
         "SURFACEBEHAVIOR": "PRESSURE-OVERCLOSURE NOSEPARATION PENALTY AUGMENTEDLAGRANGE DIRECT",
         "CONTACTPAIR": "INTERACTION TYPE SMALLSLIDING ADJUST MECHANICALCONSTRAINT CPSET EXTENSIONZONE HCRIT NOTHICKNESS "
         "SMOOTH TRACKING SUPPLEMENTARYCONSTRAINTS SLIDINGTRANSITION",
+        "CLEARANCE": "SLAVE MASTER VALUE",
+        "PRE-TENSIONSECTION": "SURFACE NODE",
         "TIE": "NAME ADJUST POSITIONTOLERANCE TYPE NOROTATION NOTHICKNESS CONSTRAINTRATIO CYCLICSYMMETRY",
         "CYCLICSYMMETRYMODEL": "N TIE NGRAPH ELSET CHECK",
         "RIGIDBODY": "NSET TIENSET REFNODE ROTNODE ELSET PINNSET ANALYTICALSURFACE",
         "COUPLING": "CONSTRAINTNAME REFNODE SURFACE",
+        "KINEMATIC": "",
         "DISTRIBUTING": "WEIGHTINGMETHOD COUPLING",
         "EQUATION": "",
         "MPC": "",
@@ -196,8 +205,37 @@ PARAMETERS = {
 }
 """Keywords that are read, and their parameters that are read or change no answer; any other parameter is lost."""
 
+VALUES = {
+    tuple(key.split()): _words(values)
+    for keys, values in {
+        "BOUNDARY OP|CLOAD OP|DLOAD OP|DSLOAD OP|TEMPERATURE OP": "NEW MOD",
+        "AMPLITUDE TIME": "STEPTIME TOTALTIME",
+        "STEP AMPLITUDE": "STEP RAMP",
+        "SURFACE TYPE": "NODE ELEMENT",
+        "CONTACTPAIR TYPE": "NODETOSURFACE SURFACETOSURFACE MORTAR LINMORTAR PGLINMORTAR",
+        "ELASTIC TYPE": "ISO ISOTROPIC ANISO ANISOTROPIC ORTHO ORTHOTROPIC ENGINEERINGCONSTANTS",
+        "EXPANSION TYPE": "ISO ISOTROPIC ANISO ANISOTROPIC ORTHO ORTHOTROPIC",
+    }.items()
+    for key in keys.split("|")
+}
+"""The values, in capitals without blanks, that some parameters of keywords have; any other one is lost."""
+
+DROPPED = {
+    tuple(key.split()): f"{key.split()[1]}: {words}"
+    for keys, words in {
+        "STATIC STABILIZE": "left out, as equilibria need no damping",
+        "SURFACEBEHAVIOR PENALTY|CONTACTPAIR MECHANICALCONSTRAINT": "hard contact, the stiffness is dropped",
+        "FRICTION SLIPTOLERANCE|FRICTION ELASTICSLIP": "nodes stick without slip",
+    }.items()
+    for key in keys.split("|")
+}
+"""Parameters of keywords, and what is said of them, as a scene does without."""
+
 SUDDEN = 1e-3
 """A load that jumps comes over this fraction of its step, in which other loads change by no more of theirs."""
+
+EVERY = "*"
+"""The name of a set of all elements, which no set of a deck can have."""
 
 EXACT = 1e-6
 """Directions, values on linear functions, moments of forces and layers of nodes are equal up to this fraction."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.cards import (
+    EVERY,
     Block,
     Card,
     DeckError,
@@ -94,6 +95,7 @@ class Deck:
             np.concatenate([np.empty(0, int), *(block.entries[:, 0] for block in self.blocks)]),
             return_counts=True,
         )
+        self.sets["ELSET"][EVERY] = number.tolist()
         if (count > 1).any():
             raise DeckError(f"it has the element {number[count > 1][0] % STRIDE} twice")
 

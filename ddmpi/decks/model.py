@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.cards import (
+    EVERY,
     EXACT,
     OF_STEPS,
     PARAMETERS,
@@ -359,6 +360,8 @@ class Model:
         """The values of a load of a step: that at the end of a ramp, or all of an amplitude from the beginning on."""
         name = card.says("AMPLITUDE")
         if not name:
+            if "TIMEDELAY" in card.given:
+                self.notes.lost(card, "TIME DELAY without an AMPLITUDE")
             return [(begin, value)] * self._at_once + [(end, value)]
         if called(name) not in self._named:
             raise card.error(f"there is no *AMPLITUDE {name}")
@@ -636,7 +639,7 @@ class Model:
                     values = [0.0]
             elif not surface and label in ("GRAV", "CENTRIF", "BX", "BY", "BZ"):
                 words = "volume force"
-                self._body_force(card, what, label, values)
+                self._body_force(card, what or EVERY * (label == "GRAV"), label, values)
             else:
                 self.notes.lost(card, f"the load {label}")
                 continue
@@ -762,12 +765,13 @@ class Model:
 
     def _constrain(self, card: Card) -> None:
         beams = defaultdict[int, set[int]](set)
-        for kind, what, *others in card.rows:
+        for row in card.rows:
+            kind, what, other = row[0], row[1], row[2]
             if kind.upper() in ("TIE", "PIN"):
                 for k in (1, 2, 3):
-                    self._equate(card, [(what, k, 1.0), (others[0], k, -1.0)])
+                    self._equate(card, [(what, k, 1.0), (other, k, -1.0)])
             elif kind.upper() == "BEAM":
-                beams[self.node(card, others[0])] |= self._nodes(card, what)
+                beams[self.node(card, other)] |= self._nodes(card, what)
             else:
                 self.notes.lost(card, f"{kind.upper()}: of these BEAM, PIN and TIE are read")
         self.rigid += [Rigid(card, nodes, ref, ref) for ref, nodes in beams.items()]

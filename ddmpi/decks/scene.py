@@ -8,9 +8,12 @@ import numpy as np
 
 from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import (
+    DROPPED,
     FAMILIES,
     PARAMETERS,
+    VALUES,
     Block,
+    Card,
     Course,
     DeckError,
     Entries,
@@ -70,11 +73,8 @@ class Importer:
             if card.word in ("TRANSFORM", "ORIENTATION") and card.says("SYSTEM", "R")[0] == "R":
                 with card.reading():
                     axes(card)
-            for name in card.given if card.place not in self.model.left_out else ():
-                if name not in PARAMETERS.get(card.word, card.given) and not (
-                    name == "PERTURBATION" and linear
-                ):
-                    self.notes.lost(card, f"its parameter {name} is not possible")
+            if card.place not in self.model.left_out:
+                self._tell_parameters(card, linear)
         self._tell_sets()
         self.cuts: list[Cut] = []
         self.family, blocks = self._elements()
@@ -83,6 +83,20 @@ class Importer:
         self.integration = {piece.name: self._integration(piece) for piece in self.pieces}
         self.matter = Matter(self.model, self.family)
         self.acts = Acts(self.matter, self.pieces, self.cuts)
+
+    def _tell_parameters(self, card: Card, linear: bool) -> None:
+        """Note parameters that have no meaning in a scene; of a deck that is `linear` *STEP, PERTURBATION has."""
+        for name, value in card.given.items():
+            key = card.word, name
+            values = VALUES.get(key, ())
+            if name == "PERTURBATION" and linear:
+                continue
+            if name not in PARAMETERS.get(card.word, card.given):
+                self.notes.lost(card, f"its parameter {name} is not possible")
+            elif values and called(value).upper() not in values:
+                self.notes.lost(card, f"{name}={value} is not possible")
+            elif key in DROPPED:
+                self.notes.changed(card, DROPPED[key])
 
     def _tell_sets(self) -> None:
         """Note what sets name that is not there, and what they get too late."""

@@ -594,6 +594,8 @@ LOST = [
     ("*ADD\n1, 2", "*ADD: this keyword is not known"),
     ("*BOUNDARY\nA_Z0, 3\n*PLASTIC\n200., 0.", "*PLASTIC: plasticity"),
     ("*ELEMENT, TYPE=SPRINGA, ELSET=K\n90, 1, 2", "*ELEMENT: elements of type SPRINGA"),
+    ("*RESTART, READ, STEP=1", "*RESTART: its parameter READ is not possible"),
+    ("*SURFACE, NAME=S, TYPE=SEGMENTS\nSTART, 0., 0.", "*SURFACE: TYPE=SEGMENTS is not possible"),
     ("*TEMPERATURE, A_Z0\nA_X0, 1.", "*TEMPERATURE: its parameter A_Z0 is not possible"),
     (
         "*SURFACE INTERACTION, NAME=I\n*FRICTION, ANISOTROPIC\n0.3, 0.1",
@@ -619,6 +621,8 @@ LOST_IN_STEP = [
         "no table of factors; --amplitude OWN=0,0,1,1",
     ),
     ("*TEMPERATURE, FILE=x.frd", "*TEMPERATURE: temperatures of a file"),
+    ("*CLOAD, OP=ADD\n36, 1, 0.", "*CLOAD: OP=ADD is not possible"),
+    ("*CLOAD, TIME DELAY=0.1\n36, 1, 0.", "*CLOAD: TIME DELAY without an AMPLITUDE"),
     ("*STATIC, RIKS", "*STATIC: its parameter RIKS is not possible"),
 ]
 
@@ -770,7 +774,8 @@ BAD = [
     (BOX + step("*CLOAD", "A_Z1, 0, 1."), "*CLOAD: there is no component 0"),
     (BOX + "*BOUNDARY\nA_Z0, 3, 1\n" + step(), "*BOUNDARY: it gives the components 3 to 1"),
     (BOX + "*NSET, NSET=S\n" + step("*CLOAD", "S, 1, 4."), "*CLOAD: the set S is empty"),
-    (BOX + step("*DLOAD", ", GRAV, 9810., 0., 0., -1."), "*DLOAD: the name of a set is missing"),
+    (BOX + step("*DLOAD", ", BZ, 1."), "*DLOAD: the name of a set is missing"),
+    (BOX + "*MPC\nTIE, 3\n" + step(), "*MPC: a data line is too short"),
     (BOX + step("*DLOAD", "A, GRAV, 9810."), "*DLOAD: a direction is zero"),
     (
         BOX + "*TRANSFORM, NSET=A_Z0\n1., 0., 0., 2., 0., 0.\n" + step(),

@@ -305,6 +305,12 @@ SAME = [
     ("*END STEP", "*END STEP\n*STEP, PERTURBATION\n*FREQUENCY\n10\n*BOUNDARY\nA_X1, 1\n*END STEP"),
     ("*END STEP", "*END STEP\n*STEP\n*BUCKLE\n10\n*CLOAD\nA_X1, 1, 1.\n*END STEP"),
     ("*END STEP", "*FILM, OP=NEW\n*DFLUX\nA, BF, 1.\n*CFLUX\nA_Z1, 11, 1.\n*RADIATE\n*END STEP"),
+    (
+        "*STEP",
+        "*RESTART, WRITE, FREQUENCY=1\n*SECTION CONTROLS, NAME=E, HOURGLASS=ENHANCED\n1., 1.\n*STEP",
+    ),
+    ("*STATIC", "*STATIC, STABILIZE=0.0002, ALLSDTOL=0.05, CONTINUE=NO"),
+    ("*STEP", "*CONTACT CONTROLS, STABILIZE\n*STEP"),
     ("*STEP", "** a\x0cb \x85c \u2028 d\n*STEP"),
 ]
 
@@ -380,6 +386,26 @@ TOLD = [
         "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nA_Z1, 20.\nA_X1, 0.\n*STEP",
         "some of its nodes have another initial temperature before; the last one counts",
     ),
+    (
+        "*STEP",
+        f"{LAW}*SURFACE BEHAVIOR, PENALTY\n*STEP",
+        "PENALTY: hard contact, the stiffness is dropped",
+    ),
+    (
+        "*STEP",
+        f"{LAW}*FRICTION, SLIP TOLERANCE=0.005\n0.2\n*STEP",
+        "*FRICTION: SLIPTOLERANCE: nodes stick without slip",
+    ),
+    (
+        "*STATIC",
+        "*STATIC, STABILIZE",
+        "STABILIZE: left out, as equilibria need no damping",
+    ),
+    (
+        "*STEP",
+        "*CONTACT CONTROLS, STABILIZE\n*STEP",
+        "*CONTACT CONTROLS: left out: how programs iterate changes no answer",
+    ),
     ("*STEP", "*STEP, AMPLITUDE=STEP", "its amplitude counts at the end of the step"),
     (
         "*CLOAD",
@@ -439,6 +465,15 @@ def test_a_surface_has_what_its_sets_have_where_it_stands(tmp_path):
     push = step("*DSLOAD", "S, P, 3.")
     loads = solved(tmp_path, BOX + ROLLERS + top + push).summary["bodies"]["A"]["loads"]
     assert loads["S"]["force"] == pytest.approx([0.0, 0.0, -1.5])
+
+
+def test_gravity_without_a_set_is_that_of_all(tmp_path):
+    """As Abaqus/CAE writes the weight of a whole model."""
+    deck = BOX + grid("B", (1, 1, 1), (1.0, 1.0, 1.0), [5.0, 0.0, 0.0], 101) + ROLLERS
+    deck += "*SOLID SECTION, ELSET=B, MATERIAL=STEEL\n*BOUNDARY\nB_Z0, 1, 3\n"
+    scene, _ = imported(tmp_path, deck + step("*DLOAD", ", GRAV, 9810., 0., 0., -1."))
+    for body in scene["body"]:
+        assert body["volume_force"] == pytest.approx([0.0, 0.0, -7.8e-9 * 9810.0])
 
 
 ONE = "*AMPLITUDE, NAME=ONE\n0., 1., 1., 1.\n"
