@@ -1,5 +1,6 @@
 """The scene of a deck: bodies with materials, clamps and loads, contacts, histories; and `ddmpi import`."""
 
+import re
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
@@ -135,7 +136,7 @@ class Importer:
         families = defaultdict[str, list[Block]](list)
         for card in self.deck.odd:
             notes.lost(card, f"elements of type {card.given.get('TYPE', '(none)')}")
-        for block in self.deck.blocks:
+        for block in self._structural():
             name = block.card.says("TYPE")
             fits = FAMILIES.match(name)
             if not fits or fits[3] not in VARIANTS:
@@ -152,6 +153,25 @@ class Importer:
                 f"it has elements of the families {' and '.join(sorted(families))}; a scene has one"
             )
         return families.popitem()
+
+    def _structural(self) -> list[Block]:
+        """The elements without those of other families than of elements with sections, which have none: programs that
+        draw meshes write the faces of solids as such ones. Rigid elements need none."""
+        found: list[Block] = []
+        own = set[int]()
+        for card in self.deck.cards:
+            if card.word.endswith("SECTION") and "ELSET" in card.given:
+                own |= self.deck.chosen(card, "ELSET", card.given["ELSET"])
+        families = {
+            _family(block) for block in self.deck.blocks if not own.isdisjoint(block.entries[:, 0])
+        }
+        for block in self.deck.blocks:
+            if not families or _family(block) in {"R", *families}:
+                found.append(block)
+            else:
+                words = f"elements of type {block.card.says('TYPE')} without a section are left out"
+                self.notes.changed(block.card, words)
+        return found
 
     def _integration(self, piece: Piece) -> str | None:
         """The integration of a piece, that of its first elements, with notes of what changes in all."""
@@ -252,6 +272,13 @@ class Importer:
         if METALS[0] <= stiffest <= METALS[1]:
             scene["output"] = {"length_unit": "mm", "stress_unit": "MPa"}
         return _filled(scene)
+
+
+def _family(block: Block) -> str:
+    """The first letters of the name of elements."""
+    found = re.match("C3D|[A-Z]+", block.card.says("TYPE"))
+    assert found
+    return found[0]
 
 
 def _filled(entries: Entries) -> Entries:

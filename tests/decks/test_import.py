@@ -594,6 +594,11 @@ LOST = [
     ("*ADD\n1, 2", "*ADD: this keyword is not known"),
     ("*BOUNDARY\nA_Z0, 3\n*PLASTIC\n200., 0.", "*PLASTIC: plasticity"),
     ("*ELEMENT, TYPE=SPRINGA, ELSET=K\n90, 1, 2", "*ELEMENT: elements of type SPRINGA"),
+    (
+        "*ELEMENT, TYPE=S4, ELSET=K\n90, 1, 2, 5, 4\n*SHELL SECTION, ELSET=K, MATERIAL=STEEL\n0.1",
+        "*ELEMENT: elements of type S4",
+    ),
+    ("*ELEMENT, TYPE=R3D4, ELSET=K\n90, 1, 2, 5, 4", "*ELEMENT: elements of type R3D4"),
     ("*RESTART, READ, STEP=1", "*RESTART: its parameter READ is not possible"),
     ("*SURFACE, NAME=S, TYPE=SEGMENTS\nSTART, 0., 0.", "*SURFACE: TYPE=SEGMENTS is not possible"),
     ("*TEMPERATURE, A_Z0\nA_X0, 1.", "*TEMPERATURE: its parameter A_Z0 is not possible"),

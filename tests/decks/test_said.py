@@ -85,6 +85,10 @@ SIDES = {
         stack(PAIR, f"{LAW}*SURFACE, NAME=INNER\n1, S4\n", first=f"SLAVE, {name}") + PRESS
         for name in ("INNER", "MASTER")
     ],
+    "elements of type CPS4 without a section are left out": [
+        BOX + faces + ROLLERS + PULL
+        for faces in ("*ELEMENT, TYPE=CPS4, ELSET=F\n91, 1, 2, 5, 4\n", "")
+    ],
     "the material STEEL has no *ELASTIC": [
         BOX.replace("*ELASTIC\n210000., 0.3\n", "") + ROLLERS + PULL,
         BOX + ROLLERS + PULL,
