@@ -27,7 +27,7 @@ from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.formulas import evaluate, varies
 from ddmpi.scene.values import AffineVector, Vector, histories
 from ddmpi.system.doubts import Doubt
-from ddmpi.system.numbers import ALIKE, SAME, in_words, moment
+from ddmpi.system.numbers import ALIKE, ROUNDING, SAME, in_words, moment, without
 
 EXACT = 1e-14
 """The rounding of displacements."""
@@ -84,20 +84,25 @@ def loads_by_group(
 
 
 def resultants(
-    mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]]
+    mesh: Mesh, groups: Iterable[tuple[str, np.ndarray]], size: float = 0.0
 ) -> dict[str, dict[str, np.ndarray]]:
-    """Force (d,) in newtons and moment about the origin (N m), () or (3,), by group, of nodal forces (nv, d)."""
-    loaded = ((group, f, f.any(axis=1)) for group, f in groups)
-    return added(
-        (
-            group,
-            {
-                "force": f[acts].sum(axis=0),
-                "moment": moment(mesh.points[acts], f[acts], mesh.axisymmetric),
-            },
-        )
-        for group, f, acts in loaded
-    )
+    """Force (d,) in newtons and moment about the origin (N m), () or (3,), by group, of nodal forces (nv, d).
+
+    What is rounding beside the sum of these forces, or beside their `size` (N), is zero.
+    """
+    return added((group, _resultant(mesh, f, size)) for group, f in groups)
+
+
+def _resultant(mesh: Mesh, f: np.ndarray, size: float) -> dict[str, np.ndarray]:
+    """One of the `resultants`."""
+    acts = f.any(axis=1)
+    at, f = mesh.points[acts], f[acts]
+    least = ROUNDING * max(size, float(np.abs(f).sum()))
+    arm = float(np.abs(at).max(initial=0.0))
+    return {
+        "force": without(f.sum(axis=0), least),
+        "moment": without(moment(at, f, mesh.axisymmetric), least * arm),
+    }
 
 
 def added(entries: Iterable[tuple[str, dict[str, np.ndarray]]]) -> dict[str, dict[str, np.ndarray]]:

@@ -13,7 +13,16 @@ from ddmpi.interface.interface import Interface
 from ddmpi.interface.law import ON_BOUND, Law
 from ddmpi.interface.utilisation import largest_factor
 from ddmpi.sets import magnitude
-from ddmpi.system.numbers import ALIKE, RigidMotion, divisor, moment, place_of_largest
+from ddmpi.system.numbers import (
+    ALIKE,
+    ROUNDING,
+    SAME,
+    RigidMotion,
+    divisor,
+    moment,
+    place_of_largest,
+    without,
+)
 
 RESULTANTS = (
     "force",
@@ -169,7 +178,8 @@ class ContactState:
     @property
     def utilisation(self) -> float:
         """1/α with the largest α for which friction within the nodes' present bounds has α times the force and moment
-        of this one, around an axis the axial force: 1 where the contact slips as a whole. NaN without friction or load.
+        of this one, around an axis the axial force: 1 where the contact slips as a whole, 0 where it is rounding. NaN
+        without friction or load.
 
         Many nodes may slip while the contact is far from slipping. It says nothing of bounds under other loads.
         """
@@ -188,7 +198,8 @@ class ContactState:
             -1, *tangents.shape[1:]
         )
         powers = bound[..., None] / bound.max() * (tangents[sliding] @ motions)
-        return 1.0 / largest_factor(powers, self.tangential_force[sliding] / bound)
+        share = 1.0 / largest_factor(powers, self.tangential_force[sliding] / bound)
+        return share if share > SAME else 0.0
 
     @property
     def pressure(self) -> np.ndarray:
@@ -231,7 +242,7 @@ class ContactState:
         if self.interface.axisymmetric:
             return 0.0, 0.0
         first, second = self.interface.geometry.at
-        arm = second - first
+        arm = without(second - first, ROUNDING * float(np.abs(first).max(initial=0.0)))
         bound = magnitude(arm) @ magnitude(self.forces)
         return float(np.linalg.norm(moment(arm, self.forces))), float(bound)
 

@@ -485,12 +485,14 @@ def _lost_in_rounding(state: ContactState, moved: float, units: Mapping[str, str
         2.0 * float(state.interface.stiffness.max(initial=0.0)) * float(np.finfo(float).eps) * moved
     )
     if largest and not noise <= LIMIT["rounding"] * largest:
+        part, most = noise / largest, f"{largest:.3g} {force} at a node"
         yield Doubt(
-            f"contact.{name}: its forces are uncertain by about {noise / largest:.1g} of the largest ({largest:.3g} "
-            f"{force} at a node): the bodies move by {moved:.3g} {length}, and rounding of this motion causes "
-            f"forces of {noise:.1g} {force}",
+            f"contact.{name}: its forces are "
+            + ("rounding" if part > 1.0 else f"uncertain by about {part:.1g} of the largest")
+            + f" ({most}): the bodies move by {moved:.3g} {length}, and rounding of this motion causes forces of "
+            f"{noise:.1g} {force}",
             "uncertain",
-            noise / largest,
+            part,
         )
 
 

@@ -33,7 +33,7 @@ from ddmpi.errors import SolverError
 from ddmpi.interface.law import Tangent
 from ddmpi.methods.half_space import HalfSpace, modes_of
 from ddmpi.petsc.versions import call_solver, petsc_message, reason_name
-from ddmpi.system.numbers import concatenated
+from ddmpi.system.numbers import concatenated, counted
 
 log = logging.getLogger("ddmpi")
 
@@ -208,9 +208,9 @@ class Preconditioner:
         if motions.size:
             log.log(
                 logging.DEBUG if joint.far else logging.INFO,
-                "coarse problem: %d rigid motions and %d smooth modes of %d bod%s",
-                joint.rigid.size,
-                motions.size - joint.rigid.size,
+                "coarse problem: %s and %s of %d bod%s",
+                counted(joint.rigid.size, "rigid motion"),
+                counted(motions.size - joint.rigid.size, "smooth mode"),
                 joint.bodies,
                 "ies" if joint.bodies > 1 else "y",
             )

@@ -16,7 +16,7 @@ from ddmpi.results.summary import drawn_times
 from ddmpi.results.tables import Columns, Results, chains, drawn_rows
 from ddmpi.scene.contacts import Friction
 from ddmpi.scene.method import method_of
-from ddmpi.system.numbers import scaled_unit
+from ddmpi.system.numbers import counted, scaled_unit
 
 MARKED = 100  # curves of at most this many nodes have a marker at each
 SHADE = 0.35  # opacity of zones behind curves
@@ -141,7 +141,7 @@ def draw_convergence(results: Results) -> Any:
     axes.yaxis.set_minor_formatter(LogFormatter())
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncols=2)
     axes.set_title(
-        f"{results.heading()}{summary['outer_iterations']} outer iterations, n_A = {summary['n_A']}, "
+        f"{results.heading()}{counted(summary['outer_iterations'], 'outer iteration')}, n_A = {summary['n_A']}, "
         f"{summary['reason']}",
         wrap=True,
     )

@@ -10,7 +10,7 @@ from ddmpi.body.loads import added, loads_by_group, resultants
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.coupling.member import Member
 from ddmpi.methods.outer import Outer
-from ddmpi.system.numbers import Frame, norm
+from ddmpi.system.numbers import ROUNDING, Frame, norm, without
 
 NOTHING = 1e-10
 """Forces of a contact and displacements of a body below this fraction of the largest in the load steps before are
@@ -125,9 +125,9 @@ def forces_by_group(
     """The applied loads and the forces of clamps, by group, and the resultant of the latter, under the displacement u
     (nv, d) and contact forces s (size,); of a body that moves far, where its frame is. Not collective."""
     mesh, member, frame = body.mesh, body.member, (frames or {}).get(body.spec.name)
-    reactions = resultants(
-        mesh, clamp_forces(mesh, body.spec, member.elasticity, u, member.pull(s))
-    )
+    pull = member.pull(s)
+    size = member.elasticity.load + float(np.abs(pull).sum())
+    reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, pull), size)
     if not frame:
         acting = added(
             (group, {kind: factor * value for kind, value in entry.items()})
@@ -147,10 +147,9 @@ def forces_by_group(
             {group: _in_world(entry, frame) for group, entry in entries.items()}
             for entries in (reactions, acting)
         )
+    held = np.array([entry["force"] for entry in reactions.values()]).reshape(-1, mesh.dimension)
     return {
-        "reaction": sum(
-            (reaction["force"] for reaction in reactions.values()), np.zeros(mesh.dimension)
-        ),
+        "reaction": without(held.sum(axis=0), ROUNDING * (size + float(np.abs(held).sum()))),
         "loads": acting,
         "reactions": reactions,
     }

@@ -27,6 +27,7 @@ from ddmpi.scene.method import PRESETS, SettledMethod
 from ddmpi.scene.motions import Image
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import gathered
+from ddmpi.system.numbers import ALIKE, counted
 from ddmpi.system.provenance import NO_CLARABEL, NO_MATPLOTLIB, has_clarabel, has_matplotlib
 
 log = logging.getLogger("ddmpi")
@@ -91,7 +92,7 @@ def _plan_of_bodies(
     if unloaded:
         yield f"{some(unloaded, 'bodies')}: no loads"
     if assembly.world.size < len(names):
-        yield f"{len(names)} bodies on {_count(assembly.world.size, 'rank')}"
+        yield f"{len(names)} bodies on {counted(assembly.world.size, 'rank')}"
 
 
 def sector_in_words(image: Image) -> str:
@@ -141,7 +142,7 @@ def _describe_body(body: Body, ranks: int) -> tuple[str, bool, str]:
         held = (
             "its frame is free" if body.member.elasticity.supported else "not supported by clamps"
         )
-        way += f"{held} ({_count(motions, 'rigid motion')}); "
+        way += f"{held} ({counted(motions, 'rigid motion')}); "
     way += "direct solver" if solver == DIRECT else f"solver {solver}"
     if compliance.solver.refused:
         way += f" through PETSc (MUMPS is not called directly: {compliance.solver.refused})"
@@ -174,9 +175,9 @@ def _plan_of(interface: Interface, unit: str) -> str:
     if interface.law.frictionless:
         facts.append("no friction")
     elif constrained:
-        facts.append(f"clamps constrain {_count(constrained, 'tangential unknown')}")
+        facts.append(f"clamps constrain {counted(constrained, 'tangential unknown')}")
     if clamped := len(interface.fixed.gap):
-        facts.append(f"clamps constrain {_count(clamped, 'contact node')}")
+        facts.append(f"clamps constrain {counted(clamped, 'contact node')}")
     return "; ".join(facts)
 
 
@@ -190,10 +191,6 @@ def _target_left_out(scene: Settled) -> list[str]:
         f"the target of {scene.method.preset}, {target:g} (the mesh of {' and of '.join(given)} is given, and not "
         'refined unless mesh.refine = "as needed")'
     ]
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'s' * (number != 1)}"
 
 
 def describe_gap(interface: Interface, unit: str) -> str:
@@ -237,7 +234,7 @@ def describe_method(method: SettledMethod, dimension: int) -> str:
 def log_end(summary: dict, solution: Solution) -> None:
     """Log how the run ended, and what a user looks at first. Not collective."""
     lines = [
-        f"{summary['reason']} ({summary['outer_iterations']} outer iterations, n_A = {summary['n_A']})"
+        f"{summary['reason']} ({counted(summary['outer_iterations'], 'outer iteration')}, n_A = {summary['n_A']})"
     ]
     if not solution.mechanism:  # its forces and displacements would mean nothing
         residuals = ", ".join(
@@ -298,8 +295,9 @@ def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[st
         for name, contact in step["contacts"].items()
         if contact["slip"] + contact["stick"]
     }
+    unit, rounding = summary["units"]["length"], ALIKE * as_float(summary["displacement_max"])
     apart = [
-        f"{name} (at least {max(contact.opening, 0.0):.3g} apart)"
+        f"{name} (at least {contact.opening * (contact.opening > rounding):.3g} {unit} apart)"
         for name, contact in totals.items()
         if name not in closed
     ]

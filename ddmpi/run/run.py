@@ -482,11 +482,7 @@ def _of_answer(solved: Solved, free: list[str], edges: Edges) -> list[str]:
     warnings = [*coarse_words(solution.held), *doubts, *infinite]
     warnings += steps.doubts_beside([*doubts, *free])
     if not scene.output.only:
-        # without energy a body moves rigidly, and its stresses are rounding
-        stresses = {
-            name: field.von_mises if solved.error.estimates[name].energy else None
-            for name, field in solved.fields.items()
-        }
+        stresses = {name: _resolved(solved, name) for name in solved.fields}
         warnings += [] if world.rank else doubt_mesh(scene.body, solved.error)
         warnings += doubt_stress(assembly.in_world(), stresses, edges.by_body)
     unsolved = f"their equations are not solved to {ENOUGH:.0e}"
@@ -495,6 +491,15 @@ def _of_answer(solved: Solved, free: list[str], edges: Edges) -> list[str]:
             words = f"derivatives.{key}: not given, because {steps.derived[2].get(key, unsolved)}"
             warnings.append(Doubt(words, "derivatives", of=f"derivatives.{key}"))
     return warnings + ([] if world.rank else _doubt_split(steps.derived[0]))
+
+
+def _resolved(solved: Solved, body: str) -> np.ndarray | None:
+    """The von Mises stresses (nt,) of a body of this rank; None where they are not wanted, or rounding: without energy, as a
+    body moves rigidly, and under pure pressure."""
+    stress, von_mises = solved.fields[body].stress, solved.fields[body].von_mises
+    if stress is None or von_mises is None or not solved.error.estimates[body].energy:
+        return None
+    return von_mises if von_mises.max() > solved.solution.limit * np.abs(stress).max() else None
 
 
 def _of_meshes(assembly: Assembly) -> list[str]:

@@ -36,6 +36,7 @@ from ddmpi.system.agreement import agreed, from_first
 from ddmpi.system.clock import Clock
 from ddmpi.system.files import CHECKPOINT, UNFINISHED, writing
 from ddmpi.system.logs import diverted, utc
+from ddmpi.system.numbers import counted
 from ddmpi.system.provenance import whereabouts
 
 log = logging.getLogger("ddmpi")
@@ -200,7 +201,7 @@ def _describe(place: Path) -> str:
     outcome = read_outcome(place)
     end = f"{outcome.status}: {outcome.reason}"
     if outcome.summary:
-        end += f", {outcome.summary['outer_iterations']} outer iterations, n_A = {outcome.summary['n_A']}"
+        end += f", {counted(outcome.summary['outer_iterations'], 'outer iteration')}, n_A = {outcome.summary['n_A']}"
         if unused := outcome.summary["options_unused"]:
             end += f"; PETSc options that nothing used: {', '.join(unused)}"
         if warnings := len(outcome.warnings) - bool(unused):

@@ -41,6 +41,16 @@ def divisor(sizes: np.ndarray) -> np.ndarray:
     return np.where(sizes > 0.0, sizes, 1.0)
 
 
+def counted(number: int, what: str) -> str:
+    """A number of things in words: "1 rank", "2 ranks"."""
+    return f"{number} {what}{'s' * (number != 1)}"
+
+
+def without(values: np.ndarray, least: float) -> np.ndarray:
+    """The values, zero where they are up to `least`."""
+    return np.where(np.abs(values) <= least, 0.0, values)[()]  # no array without axes
+
+
 def moment(at: np.ndarray, forces: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """The moment about the origin, () or (3,), of forces (m, d) at places (m, d); around an axis they have none."""
     return np.ascontiguousarray(moments(at, forces, axisymmetric).T).sum(axis=-1)

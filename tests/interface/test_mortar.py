@@ -327,6 +327,16 @@ def test_forces_at_the_nodes_have_the_resultant_and_the_moment(seed, slave, orde
     assert np.abs(contact.lines.area).min() > 1e-9 * np.median(contact.area)
 
 
+@pytest.mark.parametrize("gap", [0.0, 1e-6])
+def test_sides_that_touch_have_no_moment_between_them(gap):
+    """Turned sides are apart by rounding of their coordinates."""
+    sides = blocks(3, 4, 1, 0.3, gap, angle=0.7)
+    contact = met(sides, slave=sides[0].body)
+    s = np.random.default_rng(2).random(contact.size)
+    state = contact_state(contact, s, contact.law.bound_at(s), np.zeros(contact.size))
+    assert (state.moment_imbalance == (0.0, 0.0)) is not bool(gap)
+
+
 @orders
 @pytest.mark.parametrize("part", [0.0, 1e-12, 1e-9, 8e-6, 1e-4])
 def test_nodes_that_face_nothing_are_no_lines(part, order):

@@ -119,6 +119,14 @@ def test_bounds_are_those_of_the_law():
         assert np.isnan(stated(friction, pressure, 0.0 * shears).totals.utilisation)
 
 
+def test_friction_in_balance_bears_nothing():
+    """What is left of its resultants is rounding, or below what an iteration resolves."""
+    for rest in (0.0, 1e-9):
+        shears = np.array([0.0, 1.0, -1.0 + rest, 0.3, -0.3, 0.0, 0.0])
+        state = stated(Coulomb(coefficient=0.5), np.full(7, 4.0), shears)
+        assert state.utilised.max() == pytest.approx(0.5) and state.utilisation == 0.0
+
+
 def turned_fit(friction: dict, kind: str = "unilateral") -> dict:
     """A shaft shrunk into a hub, whose bore turns to and fro."""
 

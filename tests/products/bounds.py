@@ -1478,6 +1478,12 @@ def unfollowed(past: bool) -> dict:
     return scene | {"history": {"way": curve, "other": curve}, "time": {"points": [1.0]}}
 
 
+def constant(past: bool) -> dict:
+    """Bodies that move far are in load steps, also without a history; a second step with the same loads is meant for one."""
+    scene = few(False)
+    return scene | {"time": scene["time"] | {"points": [1.0, 2.0] if past else [1.0]}}
+
+
 def moved_on(past: bool) -> dict:
     """A block that is pushed along another one by as much as its three nodes are apart in the mean, with halves at ends."""
     way = WIDTH / 3.0 * (1.001 if past else 0.999)
@@ -1599,6 +1605,7 @@ SOLVED = [
     Solved("linear elements lock at nu = 0.48", locking),
     Solved("rigid.far: no contact names it; nothing touches it", idle),
     Solved("history.other: nothing follows it", unfollowed),
+    Solved("the loads are the same in all load steps", constant),
     Solved("times the distance of their neighbours", moved_on),
     Solved("times its radius, as at", around),
     Solved("only 3 closed nodes, too few to resolve the pressure", few),

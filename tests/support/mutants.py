@@ -4591,9 +4591,16 @@ MUTANTS = [
         (
             "stresses of a body that is carried grow without limit",
             "run/run",
-            "field.von_mises if solved.error.estimates[name].energy else None",
-            "field.von_mises",
+            "not solved.error.estimates[body].energy",
+            "False",
             f"{BARS}::test_numbers_that_are_rounding_have_bars_of_rounding",
+        ),
+        (
+            "stresses of pure pressure grow without limit",
+            "run/run",
+            "von_mises if von_mises.max() > solved.solution.limit * np.abs(stress).max() else None",
+            "von_mises",
+            "judge/test_plausible.py::test_stresses_of_rounding_grow_nowhere",
         ),
         (
             "steps that are too long are not told",
