@@ -367,12 +367,17 @@ class FreeFrame:
         way, turn = now.at(self.pivot) - then.at(self.pivot), now.after(then.undone).turn
         return np.concatenate([way[self.axes], np.radians(self.turns @ turn) * self.size])
 
+    def _turn(self, alpha: np.ndarray) -> np.ndarray:
+        """The turn (1,), in space a vector (3,), of motions α (j,) (m), in degrees."""
+        return np.degrees(alpha[len(self.axes) :] / self.size) @ self.turns
+
+    def turn(self, alpha: np.ndarray) -> float:
+        """By how much it turns in motions α (j,) (m), in degrees."""
+        return norm(self._turn(alpha))
+
     def gone(self, gone: np.ndarray, frame: Frame, alpha: np.ndarray) -> np.ndarray:
         """How far it has gone, see `Freed`, after motions α (j,) (m) from a frame."""
-        shift, by = (
-            np.zeros(len(frame.shift)),
-            np.degrees(alpha[len(self.axes) :] / self.size) @ self.turns,
-        )
+        shift, by = np.zeros(len(frame.shift)), self._turn(alpha)
         shift[self.axes] = alpha[: len(self.axes)]
         before, turn = np.split(gone, [len(shift)])
         # without supports the turn that is remembered is one about the origin

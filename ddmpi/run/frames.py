@@ -1,12 +1,13 @@
 """Bodies and partners whose frames move far: where they are, how they begin, and whether loads push them on."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
 from ddmpi.methods.newton import Newton
 from ddmpi.run.equilibrium import describe_drift
+from ddmpi.run.passes import Group
 from ddmpi.scene.motions import parts_of
 from ddmpi.system.numbers import Frame, RigidMotion
 
@@ -78,19 +79,20 @@ def began(
     return starts
 
 
-def way_down(assembly: Assembly) -> np.ndarray:
-    """The motions (rigid.size,) of free frames along the loads on them, without turns, that bring sides together (m);
-    zero where sides on the way touch, or none are there. Collective."""
-    joint = assembly.joint
-    space = assembly.space
-    along = np.zeros(assembly.joint.rigid.size)
-    far = np.inf
+def way_down(assembly: Assembly, groups: Sequence[Group]) -> np.ndarray:
+    """The motions (rigid.size,) of free frames along the loads on them, without turns, that bring sides of each of the
+    `groups` together (m); zero where sides on the way touch, or none are there. Collective."""
+    joint, space = assembly.joint, assembly.space
+    along, far = np.zeros(joint.rigid.size), np.full(len(groups), np.inf)
     for name, frame in assembly.free.items():
         shifts = slice(joint.slices[name].start, joint.slices[name].start + len(frame.axes))
         along[shifts] = joint.e[shifts]
     closing = joint.rigid.spread(along)
     for interface, part in space.with_slices():
         gap, closes = space.gap[part][: interface.m], closing[part][: interface.m]
-        far = min(far, (gap[closes > 0.0] / closes[closes > 0.0]).min(initial=np.inf))
-    far = min(assembly.world.allgather(far))
-    return (far if 0.0 < far < np.inf else 0.0) * along
+        nearest = (gap[closes > 0.0] / closes[closes > 0.0]).min(initial=np.inf)
+        own = [group.owns(interface) for group in groups]
+        far[own] = np.minimum(far[own], nearest)
+    far = np.min(assembly.world.allgather(far), axis=0)
+    falls = np.where((far > 0.0) & (far < np.inf), far, 0.0)
+    return np.dot(falls, [group.at for group in groups]) * along

@@ -171,10 +171,7 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
         spin = [body.size * np.abs(body.basis[scene.dimension :]).max(axis=0) for body in bodies]
         turned = np.concatenate(spin) > LEVERS
         basis, level = _chosen(groups, sums, joint.K, (owner, turned), coarse)
-        turns = [
-            turning(bodies, [body.basis @ v[joint.slices[body.name]] for body in bodies])
-            for v in basis.T
-        ]
+        turns = [turning(bodies, _velocities(assembly, bodies, v)) for v in basis.T]
         own, _, past = ((basis * (matrix @ basis)).sum(axis=0) for matrix in sums)
         resisted = turns * np.sqrt(np.maximum(own, 0.0) / np.where(past > 0.0, past, 1.0))
         errors = np.maximum(np.where(level, WORST * COARSE, RESISTED), resisted)
@@ -281,31 +278,89 @@ def islands(
     return found
 
 
+class Left(NamedTuple):
+    """What is left along held motions.
+
+    Attributes
+    ----------
+    basis : (rigid.size, q + g) the held motions, and by group the one along which all of its load is left
+    loads, bounds : (q + g,) what is left (N), and what errors of normals may bear of it without rounding of loads
+    coarse : (q + g,) bool, which of them coarse linear elements alone let hold
+    """
+
+    basis: np.ndarray
+    loads: np.ndarray
+    bounds: np.ndarray
+    coarse: np.ndarray
+
+
+def _left(assembly: Assembly, held: Held, outer: Outer, groups: Sequence[np.ndarray]) -> Left:
+    """What the forces of `outer` leave along the held motions, and of `groups` of motions, (rigid.size,) bool each, as
+    a whole. Collective."""
+    joint, basis = assembly.joint, held.basis
+    left = joint.held_back(outer.forces, outer.motions) @ basis
+    left -= held.turns * _by_own_normals(assembly, held, outer.forces)
+    along = np.linalg.lstsq(basis.T, left, rcond=None)[0] * np.array(groups)
+    sizes = np.linalg.norm(along, axis=1)
+    wholes = along.T / np.where(sizes > 0.0, sizes, 1.0)
+    basis, left = np.hstack([basis, wholes]), np.append(left, sizes)
+    members = np.array(groups) @ np.abs(held.basis) > 0.0
+    coarse = np.append(held.coarse, (members & held.coarse).any(axis=1))
+    errors = np.append(held.errors, (members * held.errors).max(axis=1))
+    passing, rounding = _borne(assembly, held, basis, outer.forces)
+    bounds = errors * passing + rounding
+    slide = passing > 0.0
+    joint.stays.share = float((bounds[slide] / passing[slide]).max(initial=RESISTED))
+    return Left(basis, left, bounds, coarse)
+
+
+def driven_turns(
+    assembly: Assembly, held: Held, outer: Outer, groups: Sequence[np.ndarray]
+) -> np.ndarray:
+    """Motions (rigid.size,) of a radian (m) that loads drive though they are held, of each of the `groups`, as of `_left`,
+    one that turns bodies; zero elsewhere. Collective."""
+    left, loads = _left(assembly, held, outer, groups), loads_of_loose(assembly)
+
+    def drive() -> np.ndarray:
+        bodies, driven = held.bodies, np.zeros(len(left.basis))
+        for k in np.roll(np.arange(len(left.loads)), len(groups)):  # of whole groups first
+            if left.coarse[k]:
+                continue
+            motion = np.copysign(1.0, left.loads[k]) * left.basis[:, k]
+            velocities = _velocities(assembly, bodies, motion)
+            speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
+            bound = left.bounds[k] + IMBALANCE * speeds @ loads
+            if abs(left.loads[k]) > bound and turning(bodies, velocities):
+                turns = np.linalg.norm(velocities[:, assembly.scene.dimension :], axis=1).max()
+                for group in groups:
+                    if motion[group].any() and not driven[group].any():
+                        driven[group] = motion[group] / turns
+        return driven
+
+    return from_first(assembly.world, drive)
+
+
+def _velocities(
+    assembly: Assembly, bodies: Sequence[MotionsOfBody], motion: np.ndarray
+) -> np.ndarray:
+    """The velocities (nb, n) of all bodies in a motion (rigid.size,)."""
+    slices = assembly.joint.slices
+    return np.array([body.basis @ motion[slices[body.name]] for body in bodies])
+
+
 def judge_held(
     assembly: Assembly, held: Held, outer: Outer
 ) -> tuple[list[HeldMotion], Mechanism | None, bool]:
     """What is left along the held motions under the forces of `outer`; the mechanism where a load drives one by more
     than normals may bear; and whether coarse motions are driven so and have to be released. Collective."""
-    joint, basis = assembly.joint, held.basis
-    left = joint.held_back(outer.forces, outer.motions) @ basis
-    left -= held.turns * _by_own_normals(assembly, held, outer.forces)
     # each motion alone, and the one along which all of the load is left
-    along = np.linalg.lstsq(basis.T, left, rcond=None)[0]
-    size = float(np.linalg.norm(along))
-    basis = np.column_stack([basis, along / size if size else along])
-    left = np.append(left, size)
-    coarse = np.append(held.coarse, held.coarse.any())
-    passing, rounding = _borne(assembly, held, basis, outer.forces)
-    bounds = np.append(held.errors, held.errors.max()) * passing + rounding
-    slide = passing > 0.0
-    joint.stays.share = float((bounds[slide] / passing[slide]).max(initial=RESISTED))
+    basis, left, bounds, coarse = _left(assembly, held, outer, [np.ones(len(held.basis), bool)])
     loads = loads_of_loose(assembly)
 
     def judge() -> tuple[list[HeldMotion], Mechanism | None, bool]:
         bodies, told = held.bodies, list[HeldMotion]()
         for k, motion in enumerate(basis.T):
-            velocities = np.array([body.basis @ motion[joint.slices[body.name]] for body in bodies])
-            velocities *= np.copysign(1.0, left[k])
+            velocities = _velocities(assembly, bodies, np.copysign(1.0, left[k]) * motion)
             speeds = np.array([body.speed(v) for body, v in zip(bodies, velocities, strict=True)])
             load, bound = abs(left[k]), float(bounds[k] + IMBALANCE * speeds @ loads)
             one = _told(bodies, velocities, speeds, load, bound, bool(coarse[k]))

@@ -24,13 +24,13 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.mortar import meet
 from ddmpi.interface.state import Rows, forces_by_node, rows_of, values_by_node
-from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.newton import Newton
-from ddmpi.methods.outer import Step, no_report
+from ddmpi.methods.outer import no_report
 from ddmpi.run.frames import began, instability, partners_gone, way_down
 from ddmpi.run.gather import StepLog
-from ddmpi.run.held import LEVERS, amplitudes, judge_held, turning
+from ddmpi.run.held import LEVERS, driven_turns
 from ddmpi.run.marks import Mark
+from ddmpi.run.passes import FARTHEST, NEAR, SETTLED, Group, Passes, groups_of
 from ddmpi.run.recover import NOTHING
 from ddmpi.run.solve import Iteration, Solution
 from ddmpi.run.steps import March
@@ -40,23 +40,11 @@ from ddmpi.scene.scene import Settled
 from ddmpi.surface.cover import DEEPEST
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import SAME, Frame, norm
+from ddmpi.system.numbers import Frame, norm
 
 log = logging.getLogger("ddmpi")
 
 MOST = 64  # most places on the way of a step at which a body is looked for in its partner
-
-PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
-"""Most passes of a step. Frames have settled once α moves contacts by less than SETTLED of what their forces do, and
-do not settle if PATIENCE passes in a row leave more than SHRINKS of the least so far."""
-
-NEAR, DEPTH = 0.3, 3
-"""Once α moves contacts by less than NEAR of what forces do, up to DEPTH passes before make the next motion of the
-frames, see `_mixed`. Earlier than that, bodies may leave each other."""
-
-FARTHEST, HALF = 15.0, 12
-"""The largest turn of a frame in a pass (degrees). Frames that turn so far are on their way, in the first HALF passes:
-half a turn. So are those of which loads drive a turn that is held."""
 
 
 @dataclass(frozen=True)
@@ -89,49 +77,6 @@ class Memory:
         """
         rows, now = self.contacts.get(interface.name), float(interface.law.bound_at(s).sum())
         return s * (float(rows["bound"][0]) / now if rows and now else 0.0)
-
-
-class Passes:
-    """The passes of a step so far.
-
-    Attributes
-    ----------
-    number : of the present one
-    steps, counts : of all passes before the present one, as of `Outer` and `StatusLog`
-    """
-
-    def __init__(self) -> None:
-        self.number, self.steps, self.counts = 1, list[Step](), list[tuple[int, int, int]]()
-        self._least, self._idle = np.inf, 0
-        self._changes = list[tuple[np.ndarray, np.ndarray]]()
-
-    def useless(self, far_off: float) -> bool:
-        """Whether another pass is useless, after one whose α moves contacts by `far_off` (m)."""
-        self._idle = 0 if far_off <= SHRINKS * self._least else self._idle + 1
-        self._least = min(self._least, far_off)
-        return self._idle == PATIENCE or self.number == PASSES
-
-    def next(self, alpha: np.ndarray, near: bool) -> np.ndarray:
-        """How the frames move next, by what the passes before say if they are `near` to where they settle."""
-        self._changes = self._changes[-DEPTH:] if near else []
-        return _mixed(self._changes, alpha)
-
-    def went(
-        self, alpha: np.ndarray, step: np.ndarray, far: bool, outer: Newton, statuses: StatusLog
-    ) -> None:
-        """Note that the frames go by a `step` after a pass with the motions α, as `far` as they turn in a pass."""
-        if far and self.number < HALF:
-            self._least, self._idle = np.inf, 0
-        self.number += 1
-        self.steps += outer.history
-        self.counts += statuses.counts
-        self._changes = [] if far else [*self._changes, (alpha, step)]
-
-    def join(self, outer: Newton, statuses: StatusLog) -> None:
-        """Let the record of the last pass have the steps of all."""
-        rows = [*self.steps, *outer.history]
-        outer.history[:] = [row._replace(iteration=k) for k, row in enumerate(rows, 1)]
-        statuses.counts[:0] = self.counts
 
 
 class FarMarch(March):
@@ -167,7 +112,8 @@ class FarMarch(March):
 
     def _settle(self, time: float) -> Solution:
         """Place the bodies at `time`, and solve, until free frames have settled."""
-        memory, passes, free = self._now.memory, Passes(), self.assembly.free
+        memory, free = self._now.memory, self.assembly.free
+        passes = Passes(groups_of(self.assembly))
         self._still = memory.freed
         start, stopped = self._passes(time, passes)
         since = start, memory.forces_at, self._now.slid
@@ -204,55 +150,71 @@ class FarMarch(March):
         start = self._place(time, self._ahead_of(time), rows)
         if not self.assembly.free:
             return start, "converged"
-        if (fall := way_down(self.assembly)).any():
-            start = self._place(time, self._gone(fall)[0], rows)
+        if (fall := way_down(self.assembly, passes.groups)).any():
+            start = self._place(time, self._gone(fall), rows)
         while True:
             with clock.phase("outer"):
                 stopped = self.outer.run(self.iteration.method.tolerance)
             alpha, assembly = self.outer.motions, self.assembly
-            moved = assembly.joint.rigid.spread(alpha)
-            given = assembly.joint.product(self.outer.forces, "newton")
-            far_off, size = assembly.space.norms([moved, given])
+            far_off, sizes = self._misplaced(passes.groups)
             log.debug(
                 "time %g, pass %d: frames moved contacts by %.1e m, forces by %.1e m",
                 time,
                 passes.number,
-                far_off,
-                size,
+                norm(far_off),
+                norm(sizes),
             )
             if stopped != "converged":
                 return start, stopped
-            driven = None
-            if far_off <= SETTLED * size:
-                driven = self._driven() if passes.number < HALF else None
-                if driven is None:
-                    return start, stopped
-            elif passes.useless(far_off):
+            settled = far_off <= SETTLED * norm(sizes)
+            driven = self._driven(passes.groups, settled)
+            if settled.all() and not driven.any():
+                return start, stopped
+            step, useless = np.zeros(len(alpha)), False
+            for group, done, off, size in zip(passes.groups, settled, far_off, sizes, strict=True):
+                useless |= not done and group.useless(off)
+                turn = driven * group.at
+                step += (
+                    group.drive(turn)
+                    if turn.any()
+                    else group.next(alpha, not done and off <= NEAR * size)
+                )
+            if useless:
                 return start, "unsettled"
             rows = {
                 interface.name: forces_by_node(interface, self.outer.forces[part])
                 for interface, part in assembly.space.with_slices()
             }
-            step = passes.next(alpha, far_off <= NEAR * size) if driven is None else driven
-            freed, share = self._gone(step)
-            if driven is not None:
-                self._still = freed
-            far = driven is not None or share < 1.0
-            passes.went(alpha, share * step, far, self.outer, self.iteration.statuses)
+            freed = self._gone(step)
+            for group in passes.groups:
+                if driven[group.at].any():
+                    self._still = {**self._still, **{name: freed[name] for name in group.free}}
+            passes.went(self.outer, self.iteration.statuses)
             self._count()
             start = self._place(time, freed, rows, again=True)
 
-    def _driven(self) -> np.ndarray | None:
-        """The motion (rigid.size,) along which loads drive a held turn by more than normals are off, as far as frames turn in
-        a pass, if there is one: a weight beside an axis does, until it hangs below. Collective."""
+    def _misplaced(self, groups: Sequence[Group]) -> np.ndarray:
+        """How far α moves the contacts of groups (m), and contact forces do: (2, groups). Collective."""
+        space, joint = self.assembly.space, self.assembly.joint
+        moved = joint.rigid.spread(self.outer.motions)
+        given = joint.product(self.outer.forces, "newton")
+        own = [space.spread([group.owns(each) for each in space.interfaces]) for group in groups]
+        norms = space.norms([x * entries for x in (moved, given) for entries in own])
+        return np.reshape(norms, (2, len(groups)))
+
+    def _driven(self, groups: Sequence[Group], settled: np.ndarray) -> np.ndarray:
+        """The motions (rigid.size,) along which loads drive held turns of groups that have `settled`, by more than
+        normals are off, as far as frames turn in a pass: a weight beside an axis does, until it hangs below.
+        Collective."""
         held = self.iteration.held
-        if not held.basis.size:
-            return None
-        _, driven, _ = judge_held(self.assembly, held, self.outer)
-        if driven is None or not turning(driven.bodies, driven.velocities):
-            return None
-        size = max(body.size for body in driven.bodies)
-        return np.radians(FARTHEST) * size * amplitudes(driven)
+        asked = [
+            group.at
+            for group, done in zip(groups, settled, strict=True)
+            if done and group.on_its_way and held.basis[group.at].any()
+        ]
+        if not asked:
+            return np.zeros(len(held.basis))
+        return np.radians(FARTHEST) * driven_turns(self.assembly, held, self.outer, asked)
 
     def _accept(self, time: float, solution: Solution) -> None:
         super()._accept(time, solution)
@@ -321,25 +283,17 @@ class FarMarch(March):
         now, before = self._now.memory, self._before.memory
         span = now.time - before.time
         share = (time - now.time) / span if span and not self._cuts else 0.0
+        return _onwards(self.assembly, now, (before.freed, now.freed), share)
+
+    def _gone(self, alpha: np.ndarray) -> Freed:
+        """How far free frames have gone after the motions α (rigid.size,)."""
+        assembly = self.assembly
         return {
-            name: gone + share * (gone - before.freed[name]) for name, gone in now.freed.items()
+            name: assembly.free[name].gone(
+                gone, assembly.frames[name], alpha[assembly.joint.slices[name]]
+            )
+            for name, gone in assembly.placement.freed.items()
         }
-
-    def _gone(self, alpha: np.ndarray) -> tuple[Freed, float]:
-        """How far free frames have gone after a share of the motions α, all of it unless they turn far; the share."""
-        assembly, before = self.assembly, self.assembly.placement.freed
-
-        def after(alpha: np.ndarray) -> Freed:
-            along = {name: alpha[assembly.joint.slices[name]] for name in before}
-            return {
-                name: assembly.free[name].gone(gone, assembly.frames[name], along[name])
-                for name, gone in before.items()
-            }
-
-        turned = slice(assembly.scene.dimension, None)
-        most = max(norm((gone - before[name])[turned]) for name, gone in after(alpha).items())
-        share = FARTHEST / max(most, FARTHEST)
-        return after(share * alpha), share
 
     def _forces(self, mark: Mark) -> np.ndarray:
         return _forces_of(
@@ -414,15 +368,17 @@ class FarMarch(March):
             self.log.places[float(time)] = Placement(float(time), frames=frames, **place)
 
 
-def _mixed(changes: Sequence[tuple[np.ndarray, np.ndarray]], alpha: np.ndarray) -> np.ndarray:
-    """How the frames move next (Anderson, J. ACM 12, 1965): by α, less what the passes before say of it, whose α and
-    steps are `changes`."""
-    if not changes:
-        return alpha
-    alphas = np.diff([*(former for former, _ in changes), alpha], axis=0)
-    return alpha - np.linalg.lstsq(alphas.T, alpha, rcond=SAME)[0] @ (
-        np.array([step for _, step in changes]) + alphas
-    )
+def _onwards(
+    assembly: Assembly, memory: Memory, ends: tuple[Freed, Freed], share: float
+) -> dict[str, np.ndarray]:
+    """How far free frames have gone at the end of a step, and on by a share of the motions between two `ends`: about
+    their pivots, so that the origin does not matter."""
+    frames, gone = memory.frames(assembly.scene), {}
+    for name, far in memory.freed.items():
+        free = assembly.free[name]
+        motions = free.since(ends[0][name], ends[1][name])
+        gone[name] = free.gone(far, frames[name], share * motions)
+    return gone
 
 
 def put_back(held: np.ndarray, gone: np.ndarray, turns: np.ndarray) -> np.ndarray:
@@ -464,10 +420,7 @@ def _refuse_passing(assembly: Assembly, memory: Memory) -> None:
             if not deepest:  # apart: it may have passed
                 places = min(MOST, 1 + int(4.0 * _way(contact, both[0], then, here) / thin))
                 for share in np.linspace(0.0, 1.0, places)[1:-1]:
-                    freed = {
-                        name: (1.0 - share) * gone + share * ends[1][name]
-                        for name, gone in ends[0].items()
-                    }
+                    freed = _onwards(assembly, memory, ends, float(share))
                     frames = frames_of(
                         scene, memory.time + float(share) * (time - memory.time), freed
                     )

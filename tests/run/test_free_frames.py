@@ -13,6 +13,7 @@ import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.coupling.coarse import Driven
 from ddmpi.run import steps
+from ddmpi.run.passes import Group
 from ddmpi.run.places import FarMarch
 from ddmpi.scene.motions import Motion
 from ddmpi.system.numbers import Frame
@@ -304,20 +305,38 @@ def test_a_share_of_a_motion_does_not_depend_on_the_place():
     """A body far from the origin that would turn by 200 degrees turns by the most of a pass, about its middle, which goes
     by as much of its way: not by a share of what a turn about the origin shifts."""
     middle, way, still = np.array([10.0, -3.0]), np.array([0.1, 0.2]), Frame.of((0.0, 0.0))
-    free = FreeFrame.of(None, np.array([[9.0, -3.5], [11.0, -2.5]]))
+    free = {"disc": FreeFrame.of(None, np.array([[9.0, -3.5], [11.0, -2.5]]))}
+    slices = {"disc": slice(0, 3)}
     march = SimpleNamespace(
         assembly=SimpleNamespace(
-            free={"disc": free},
+            free=free,
             frames={"disc": still},
-            joint=SimpleNamespace(slices={"disc": slice(0, 3)}),
+            joint=SimpleNamespace(slices=slices),
             placement=SimpleNamespace(freed={"disc": np.zeros(3)}),
-            scene=SimpleNamespace(dimension=2),
         )
     )
-    freed, share = FarMarch._gone(march, np.append(way, np.radians(200.0) * free.size))
-    gone = freed["disc"]
-    assert share == pytest.approx(15.0 / 200.0) and gone[2] == pytest.approx(15.0)
-    assert Frame.of(gone[:2], gone[2:]).at(middle) == pytest.approx(middle + share * way)
+    group = Group(free, np.ones(3, bool), slices)
+    alpha = np.append(way, np.radians(200.0) * free["disc"].size)
+    gone = FarMarch._gone(march, group.next(alpha, near=False))["disc"]
+    assert gone[2] == pytest.approx(15.0)
+    assert Frame.of(gone[:2], gone[2:]).at(middle) == pytest.approx(middle + 15.0 / 200.0 * way)
+
+
+def test_a_step_is_looked_for_where_bodies_go_on_wherever_they_are():
+    """A body far from the origin that turned by 40 degrees about its middle, which moved on, is looked for as much farther
+    on its way: not beside it by a millionfold of that, as shifts of turns about the origin went on."""
+    middle, way = np.array([3e6, -1e6]), np.array([0.5, 0.2])
+    free = FreeFrame.of(None, middle + np.array([[1.0, 0.5], [-1.0, -0.5]]))
+    turn = Frame.of(way, 40.0, middle)
+    scene = SimpleNamespace(assembly=SimpleNamespace(free={"disc": free}, scene=None), _cuts=0)
+    memories = [
+        SimpleNamespace(time=time, freed={"disc": gone}, frames=lambda scene: {"disc": turn})
+        for time, gone in ((1.0, np.zeros(3)), (2.0, np.append(turn.shift, 40.0)))
+    ]
+    scene._before, scene._now = (SimpleNamespace(memory=memory) for memory in memories)
+    gone = FarMarch._ahead_of(scene, 3.0)["disc"]
+    assert gone[2] == pytest.approx(80.0)
+    assert Frame.of(gone[:2], gone[2:]).at(middle) == pytest.approx(middle + 2 * way, abs=1e-8)
 
 
 def eccentric(beside: float, angle: float, around: int = 40, layers: int = 4) -> dict:
@@ -342,19 +361,65 @@ def eccentric(beside: float, angle: float, around: int = 40, layers: int = 4) ->
     }
 
 
+def hung(angles: list[float]) -> dict:
+    """Eccentric discs, each hung over a shaft, without friction."""
+    bodies, shafts = [], []
+    for k, angle in enumerate(angles):
+        mesh = eccentric(0.3, angle, layers=3)
+        mesh["points"] = mesh["points"] + [6.0 * k, 0.0]
+        bodies.append(
+            {"name": f"part{k}", "mesh": mesh, "material": SOFT, "volume_force": [0.0, -0.3]}
+        )
+        shafts.append(
+            {"name": f"shaft{k}", "shape": "circle", "center": [6.0 * k, 0.0], "radius": 1.0}
+        )
+    return {
+        "time": {"points": [1.0], "steps": 1, "motions": "far"},
+        "body": bodies,
+        "rigid": shafts,
+        "contact": [
+            {"bodies": [part["name"], shaft["name"]], "on": ["hole"]}
+            for part, shaft in zip(bodies, shafts, strict=True)
+        ],
+    }  # fmt: skip
+
+
 @pytest.mark.parametrize("angle", [85.0, 90.0])
 def test_a_part_turns_until_its_mass_centre_hangs_below_its_axis(angle):
     """An eccentric disc hung over a shaft, without friction: by the whole angle, within what facets of 9 degrees take. Drawn
     level, nothing resists its first turn, so that this was held, and no equilibrium told."""
-    scene = {
-        "time": {"points": [1.0], "steps": 1, "motions": "far"},
-        "body": [{"name": "part", "mesh": eccentric(0.3, angle), "material": SOFT, "volume_force": [0.0, -0.3]}],
-        "rigid": [{"name": "shaft", "shape": "circle", "center": [0.0, 0.0], "radius": 1.0}],
-        "contact": [{"bodies": ["part", "shaft"], "on": ["hole"]}],
-    }  # fmt: skip
-    answer = certified(scene)
-    assert answer.solved.steps.places[1.0].freed["part"][2] == pytest.approx(-angle, abs=0.2)
+    answer = certified(hung([angle]))
+    assert answer.solved.steps.places[1.0].freed["part0"][2] == pytest.approx(-angle, abs=0.2)
     assert answer.summary["held_motions"] == answer.summary["undetermined"] == []
+
+
+def test_several_parts_turn_as_one_by_itself():
+    """In the passes of the slowest: drawn level one turns once the other hangs, and passes of this counted as its own, so
+    that no equilibrium was told."""
+    angles = [85.0, 90.0]
+    together = certified(hung(angles))
+    places = together.solved.steps.places[1.0].freed
+    turns = [places[f"part{k}"][2] for k in range(2)]
+    assert turns == pytest.approx([-85.0, -90.0], abs=0.2)
+    (passes,) = (step["passes"] for step in together.summary["steps"])
+    assert passes <= 16  # of the second alone
+
+
+@pytest.mark.parametrize(("turned", "far"), [(345.0, True), (360.0, False)])
+def test_a_group_is_on_its_way_until_it_has_gone_round(turned, far):
+    """From then on passes that turn far are useless, as everything was as it is."""
+    free = {"disc": FreeFrame.of(None, np.array([[1.0, 0.5], [-1.0, -0.5]]))}
+    group = Group(free, np.ones(3, bool), {"disc": slice(0, 3)})
+    turn = np.array([0.0, 0.0, np.radians(20.0) * free["disc"].size])
+    for _ in range(round(turned / 15.0)):
+        assert group.on_its_way
+        group.next(turn, near=False)
+    assert group.on_its_way == far
+    given_up = []
+    for _ in range(8):
+        given_up.append(group.useless(1.0))
+        group.next(turn, near=False)
+    assert given_up.index(True) == (7 if far else 6)
 
 
 @pytest.mark.parametrize(("most", "short"), [(2, "0.035"), (8, "0.0027")])
