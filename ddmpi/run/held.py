@@ -134,8 +134,9 @@ class Held:
         return np.linalg.qr(self.basis)[0] if self.basis.size else self.basis
 
 
-def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
-    """The motions that no contact resists but by the errors of normals, of those `coarse` ones only if asked. Collective."""
+def motions_to_hold(assembly: Assembly, coarse: bool = True, slight: float = 0.0) -> Held:
+    """The motions that no contact resists but by the errors of normals, of those `coarse` ones only if asked, and by
+    friction with coefficients up to a `slight` one. Collective."""
     world = assembly.world
     joint = assembly.joint
     scene = assembly.scene
@@ -143,7 +144,7 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True) -> Held:
     none = Held(np.zeros((size, 0)))
     if not assembly.loose:
         return none
-    forces = _forces(assembly)
+    forces = _forces(assembly, slight)
     resisting = gathered(world, {name: (len(F), numbers, F.T @ F) for name, numbers, F in forces})
     # a shape in the plane or of order 2 that is resisted by more than RESISTED is not round
     coarse = coarse and (scene.dimension, scene.body[0].mesh.order) == (3, 1)
@@ -225,15 +226,15 @@ def _straight(vectors: np.ndarray, turned: np.ndarray) -> np.ndarray:
     return vectors
 
 
-def _forces(assembly: Assembly) -> list[tuple[str, np.ndarray, np.ndarray]]:
+def _forces(assembly: Assembly, slight: float) -> list[tuple[str, np.ndarray, np.ndarray]]:
     """Of each contact of this rank its name, the numbers (c,) of motions, and F (k, c): how these move along all forces
-    that the contact may carry. Not collective."""
+    that the contact may carry, but for friction with coefficients up to a `slight` one. Not collective."""
     found = []
     for interface, (_, numbers, block) in zip(
         assembly.space.interfaces, assembly.joint.rigid.blocks, strict=True
     ):
         law, none = interface.law, np.zeros(interface.law.m)
-        rubs = (law.slope(none) > 0.0) | (law.slip_bound(none) > 0.0) | law.two_sided
+        rubs = (law.slope(none) > slight) | (law.slip_bound(none) > 0.0) | law.two_sided
         rubs = np.broadcast_to(rubs, law.sliding.shape)
         acts = np.concatenate([np.ones(law.m, bool), np.repeat(rubs, law.components)])
         # a body moves both of its own sides alike; what rows see of that are lever arms of gaps

@@ -40,6 +40,10 @@ class Group:
     free : their frames, by name
     at : (rigid.size,) bool, their motions
     slices : of these by name, as of a `Joint`
+
+    Attributes
+    ----------
+    far : whether it would turn farther than frames do in a pass
     """
 
     def __init__(
@@ -47,7 +51,7 @@ class Group:
     ) -> None:
         self.free, self.at, self._slices = free, at, slices
         self._turned = dict.fromkeys(free, 0.0)  # since the step began (degrees)
-        self._number, self._least, self._idle = 0, np.inf, 0
+        self._number, self._least, self._idle, self.far = 0, np.inf, 0, False
         self._changes = list[tuple[np.ndarray, np.ndarray]]()
 
     def owns(self, interface: Interface) -> bool:
@@ -70,25 +74,25 @@ class Group:
         """How its frames move after a pass with the motions α (rigid.size,) by what the passes before say if they are
         `near` to where they settle: (rigid.size,), zero for others."""
         self._changes = self._changes[-DEPTH:] if near else []
-        step, far = self._limited(_mixed(self._changes, alpha * self.at))
-        self._changes = [] if far else [*self._changes, (alpha * self.at, step)]
+        step = self._limited(_mixed(self._changes, alpha * self.at))
+        self._changes = [] if self.far else [*self._changes, (alpha * self.at, step)]
         return step
 
     def drive(self, turn: np.ndarray) -> np.ndarray:
         """How its frames move along a held `turn` (rigid.size,) that loads drive."""
         self._changes, self._least, self._idle = [], np.inf, 0
-        return self._limited(turn * self.at)[0]
+        return self._limited(turn * self.at)
 
-    def _limited(self, step: np.ndarray) -> tuple[np.ndarray, bool]:
-        """The share of a step that turns no frame too far, and whether that is less than all; noted."""
+    def _limited(self, step: np.ndarray) -> np.ndarray:
+        """The share of a step that turns no frame too far; noted."""
         turns = {name: each.turn(step[self._slices[name]]) for name, each in self.free.items()}
         most = max(turns.values())
-        share, far = FARTHEST / max(most, FARTHEST), most > FARTHEST
-        if far and self.on_its_way:
+        share, self.far = FARTHEST / max(most, FARTHEST), most > FARTHEST
+        if self.far and self.on_its_way:
             self._number, self._least, self._idle = self._number - 1, np.inf, 0
         for name, turn in turns.items():
             self._turned[name] += share * turn
-        return share * step, far
+        return share * step
 
 
 class Passes:
@@ -104,6 +108,28 @@ class Passes:
     def __init__(self, groups: Sequence[Group]) -> None:
         self.groups, self.number = groups, 1
         self.steps, self.counts = list[Step](), list[tuple[int, int, int]]()
+
+    def next(
+        self,
+        alpha: np.ndarray,
+        driven: np.ndarray,
+        far_off: np.ndarray,
+        settled: np.ndarray,
+        near: np.ndarray,
+    ) -> tuple[np.ndarray, bool]:
+        """How frames move next (rigid.size,), and whether another pass is useless.
+
+        Parameters
+        ----------
+        alpha, driven : (rigid.size,) the motions after this pass, and held ones that loads drive
+        far_off, settled, near : (groups,) how far α moves the contacts of each (m), and whether that is little
+        """
+        step, useless = np.zeros(len(alpha)), False
+        for group, off, done, close in zip(self.groups, far_off, settled, near, strict=True):
+            useless |= not done and group.useless(off)
+            turn = driven * group.at
+            step += group.drive(turn) if turn.any() else group.next(alpha, not done and close)
+        return step, useless
 
     def went(self, outer: Newton, statuses: StatusLog) -> None:
         """Note that one more pass begins."""

@@ -24,6 +24,7 @@ from ddmpi.errors import InputError
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.mortar import meet
 from ddmpi.interface.state import Rows, forces_by_node, rows_of, values_by_node
+from ddmpi.judge.motions import RESISTED
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import no_report
 from ddmpi.run.frames import began, instability, partners_gone, way_down
@@ -34,7 +35,7 @@ from ddmpi.run.passes import FARTHEST, NEAR, SETTLED, Group, Passes, groups_of
 from ddmpi.run.recover import NOTHING
 from ddmpi.run.solve import Iteration, Solution
 from ddmpi.run.steps import March
-from ddmpi.scene.contacts import SettledContact
+from ddmpi.scene.contacts import Coulomb, SettledContact
 from ddmpi.scene.motions import Freed, frames_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.cover import DEEPEST
@@ -87,7 +88,10 @@ class FarMarch(March):
         first = Memory(0.0, dict.fromkeys(assembly.free, still), {}, {}, _deepest(assembly))
         self._whole = frozenset[str]()  # contacts of which no rows are left out in this step
         self._still = first.freed  # where held motions stay
+        self._slight = RESISTED  # friction with coefficients up to this resists no motions
         super().__init__(assembly, iteration, log)
+        _tell_slight(assembly)
+        self._rubs = assembly.space.any(np.array([len(self._frictional)]))
         self._now = self._before = self._base = self._coarse = replace(self._now, memory=first)
 
     def _step(self, time: float) -> Solution:
@@ -114,7 +118,7 @@ class FarMarch(March):
         """Place the bodies at `time`, and solve, until free frames have settled."""
         memory, free = self._now.memory, self.assembly.free
         passes = Passes(groups_of(self.assembly))
-        self._still = memory.freed
+        self._still, self._slight = memory.freed, RESISTED
         start, stopped = self._passes(time, passes)
         since = start, memory.forces_at, self._now.slid
         largest = self.log.most["sizes"]
@@ -146,67 +150,73 @@ class FarMarch(March):
         """Place the bodies, and where frames are free find forces, until the frames have settled. Where slip begins
         (size,) in m in the last pass, and why it is the last: "converged", "unsettled", or the end of Newton's method.
         """
-        rows, clock = self._now.memory.contacts, self.iteration.clock
+        rows = self._now.memory.contacts
         start = self._place(time, self._ahead_of(time), rows)
         if not self.assembly.free:
             return start, "converged"
         if (fall := way_down(self.assembly, passes.groups)).any():
             start = self._place(time, self._gone(fall), rows)
         while True:
-            with clock.phase("outer"):
-                stopped = self.outer.run(self.iteration.method.tolerance)
-            alpha, assembly = self.outer.motions, self.assembly
-            far_off, sizes = self._misplaced(passes.groups)
-            log.debug(
-                "time %g, pass %d: frames moved contacts by %.1e m, forces by %.1e m",
-                time,
-                passes.number,
-                norm(far_off),
-                norm(sizes),
-            )
+            stopped, far_off, sizes = self._pass(time, passes)
             if stopped != "converged":
                 return start, stopped
-            settled = far_off <= SETTLED * norm(sizes)
+            settled, near = far_off <= SETTLED * norm(sizes), far_off <= NEAR * sizes
             driven = self._driven(passes.groups, settled)
-            if settled.all() and not driven.any():
+            if settled.all() and not driven.any() and self._slight == RESISTED:
                 return start, stopped
-            step, useless = np.zeros(len(alpha)), False
-            for group, done, off, size in zip(passes.groups, settled, far_off, sizes, strict=True):
-                useless |= not done and group.useless(off)
-                turn = driven * group.at
-                step += (
-                    group.drive(turn)
-                    if turn.any()
-                    else group.next(alpha, not done and off <= NEAR * size)
-                )
-            if useless:
+            step, useless = passes.next(self.outer.motions, driven, far_off, settled, near)
+            if useless and self._slight == RESISTED:
                 return start, "unsettled"
-            rows = {
-                interface.name: forces_by_node(interface, self.outer.forces[part])
-                for interface, part in assembly.space.with_slices()
-            }
-            freed = self._gone(step)
+            freed = self._let_down(self._gone(step), passes, useless or bool(near.all()))
             for group in passes.groups:
                 if driven[group.at].any():
                     self._still = {**self._still, **{name: freed[name] for name in group.free}}
+            rows = {
+                interface.name: forces_by_node(interface, self.outer.forces[part])
+                for interface, part in self.assembly.space.with_slices()
+            }
             passes.went(self.outer, self.iteration.statuses)
             self._count()
             start = self._place(time, freed, rows, again=True)
 
-    def _misplaced(self, groups: Sequence[Group]) -> np.ndarray:
-        """How far α moves the contacts of groups (m), and contact forces do: (2, groups). Collective."""
-        space, joint = self.assembly.space, self.assembly.joint
+    def _pass(self, time: float, passes: Passes) -> tuple[str, np.ndarray, np.ndarray]:
+        """Find forces where the bodies are: the end of Newton's method, and how far its motions move the contacts of each
+        group (groups,) and its forces do (m). Collective."""
+        with self.iteration.clock.phase("outer"):
+            stopped = self.outer.run(self.iteration.method.tolerance)
+        space, joint, groups = self.assembly.space, self.assembly.joint, passes.groups
         moved = joint.rigid.spread(self.outer.motions)
         given = joint.product(self.outer.forces, "newton")
         own = [space.spread([group.owns(each) for each in space.interfaces]) for group in groups]
         norms = space.norms([x * entries for x in (moved, given) for entries in own])
-        return np.reshape(norms, (2, len(groups)))
+        far_off, sizes = np.reshape(norms, (2, len(groups)))
+        log.debug(
+            "time %g, pass %d: frames moved contacts by %.1e m, forces by %.1e m",
+            time,
+            passes.number,
+            norm(far_off),
+            norm(sizes),
+        )
+        return stopped, far_off, sizes
+
+    def _let_down(self, freed: Freed, passes: Passes, at_places: bool) -> Freed:
+        """Where free frames go in place of `freed`. Far from its place friction spins a body: let it down with its turn
+        held, until all are `at_places`, and then let go."""
+        if self._slight > RESISTED:
+            if at_places:
+                self._still, self._slight = self._now.memory.freed, RESISTED
+        elif passes.number == 1 and self._rubs and any(group.far for group in passes.groups):
+            freed = self.assembly.placement.freed
+            self._still, self._slight = freed, np.inf
+        return freed
 
     def _driven(self, groups: Sequence[Group], settled: np.ndarray) -> np.ndarray:
         """The motions (rigid.size,) along which loads drive held turns of groups that have `settled`, by more than
         normals are off, as far as frames turn in a pass: a weight beside an axis does, until it hangs below.
         Collective."""
         held = self.iteration.held
+        if self._slight > RESISTED:
+            return np.zeros(len(held.basis))
         asked = [
             group.at
             for group, done in zip(groups, settled, strict=True)
@@ -242,7 +252,7 @@ class FarMarch(March):
             sliding[part][: interface.m] = 0.0
         joint = assembly.joint
         self._d = joint.d = joint.d - sliding
-        self.iteration = Iteration(assembly, self.iteration.method, no_report, clock)
+        self.iteration = Iteration(assembly, self.iteration.method, no_report, clock, self._slight)
         self._hold(freed)
         outer = self.iteration.outer
         assert isinstance(outer, Newton)
@@ -379,6 +389,21 @@ def _onwards(
         motions = free.since(ends[0][name], ends[1][name])
         gone[name] = free.gone(far, frames[name], share * motions)
     return gone
+
+
+def _tell_slight(assembly: Assembly) -> None:
+    """Tell of contacts of free bodies whose friction is less than errors of normals."""
+    for contact in assembly.scene.contact:
+        mu = contact.rubbing[0] if isinstance(contact.friction, Coulomb) else 0.0
+        slight = isinstance(mu, float) and 0.0 < mu <= RESISTED
+        if slight and not assembly.free.keys().isdisjoint(contact.bodies):
+            log.info(
+                "contact.%s: friction %g resists less than facets may, %g: motions that it alone resists are held, as "
+                "without friction",
+                contact.name,
+                mu,
+                RESISTED,
+            )
 
 
 def put_back(held: np.ndarray, gone: np.ndarray, turns: np.ndarray) -> np.ndarray:

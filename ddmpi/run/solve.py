@@ -194,6 +194,7 @@ class Iteration:
     ----------
     report : called with every iteration
     clock : times the phases outer and recover
+    slight : friction with coefficients up to this resists no motions
 
     Attributes
     ----------
@@ -203,9 +204,15 @@ class Iteration:
     """
 
     def __init__(
-        self, assembly: Assembly, method: SettledMethod, report: Report, clock: Clock
+        self,
+        assembly: Assembly,
+        method: SettledMethod,
+        report: Report,
+        clock: Clock,
+        slight: float = 0.0,
     ) -> None:
         self.assembly, self.method, self.clock = assembly, method, clock
+        self._slight_friction = slight
         for body in assembly.bodies:
             body.member.restart()
         self.statuses = StatusLog(assembly.space)
@@ -238,7 +245,8 @@ class Iteration:
         """Hold the motions that nothing determines at the amplitudes that they have in α (rigid.size,). Collective."""
         stays, self._before = self.assembly.joint.stays, alpha
         if not np.array_equal(self._bolts, stays.bolts):
-            self.held, self._bolts = motions_to_hold(self.assembly, not self.released), stays.bolts
+            self._bolts = stays.bolts
+            self.held = motions_to_hold(self.assembly, not self.released, self._slight_friction)
         stays.hold(self.held.span, alpha)
 
     def begin(self) -> None:
@@ -399,7 +407,7 @@ class Iteration:
     def release(self) -> None:
         """Hold no longer the motions that coarse elements let hold. Collective."""
         stays, self.released = self.assembly.joint.stays, True
-        self.held = motions_to_hold(self.assembly, coarse=False)
+        self.held = motions_to_hold(self.assembly, False, self._slight_friction)
         stays.hold(self.held.span, stays.at)
 
     def _refine(self) -> None:

@@ -5196,7 +5196,7 @@ MUTANTS = [
         (
             "frames that turn far do not settle",
             "run/passes",
-            "if far and self.on_its_way:",
+            "if self.far and self.on_its_way:",
             "if False:",
             f"{FREE}::test_a_group_is_on_its_way_until_it_has_gone_round",
         ),
@@ -5206,6 +5206,20 @@ MUTANTS = [
             "if done and group.on_its_way and",
             "if settled.all() and group.on_its_way and",
             f"{FREE}::test_several_parts_turn_as_one_by_itself",
+        ),
+        (
+            "slight friction resists turns",
+            "run/held",
+            "law.slope(none) > slight",
+            "law.slope(none) > 0.0",
+            f"{FREE}::test_a_turn_that_nothing_resists_is_put_back",
+        ),
+        (
+            "friction spins bodies far from their places",
+            "run/places",
+            "(freed, np.inf)",
+            "(freed, RESISTED)",
+            f"{FREE}::test_little_friction_does_not_spin_a_disc_that_is_carried_along",
         ),
         (
             "steps go on by shifts about the origin",
@@ -5245,8 +5259,8 @@ MUTANTS = [
         (
             "frames turn as far as they want in a pass",
             "run/passes",
-            "return (share * step, far)",
-            "return (step, far)",
+            "return share * step",
+            "return step",
             f"{FREE}::test_a_share_of_a_motion_does_not_depend_on_the_place",
         ),
         (
