@@ -236,8 +236,7 @@ class Deck:
 
     def _found(self, kind: str, scope: str, word: str) -> str | None:
         """The key of a set that is named within an instance; one of another instance is no other one of that name."""
-        inside, _, last = called(word).rpartition(".")
-        return self.key(kind, scope, word, word if inside in self.places else last)
+        return self.key(kind, scope, word)
 
     def chosen(self, card: Card, kind: str, word: str) -> set[int]:
         """The numbers of nodes or elements that a data line of `card` names, by set or number, and that are there.

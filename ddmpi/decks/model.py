@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.cards import (
+    BEFORE_STEPS,
     EVERY,
     EXACT,
     OF_STEPS,
@@ -293,6 +294,8 @@ class Model:
         self._opened = {}
         self._since = cards[0].place
         for card in cards:
+            if card.word in BEFORE_STEPS:
+                self.notes.lost(card, "it stands in a *STEP, and not before the first one")
             self._take(card)
         for kind, acting in self.kinds.items():
             fresh = self._fresh[kind]
@@ -766,12 +769,12 @@ class Model:
     def _constrain(self, card: Card) -> None:
         beams = defaultdict[int, set[int]](set)
         for row in card.rows:
-            kind, what, other = row[0], row[1], row[2]
+            kind, what = row[0], row[1]
             if kind.upper() in ("TIE", "PIN"):
                 for k in (1, 2, 3):
-                    self._equate(card, [(what, k, 1.0), (other, k, -1.0)])
+                    self._equate(card, [(what, k, 1.0), (row[2], k, -1.0)])
             elif kind.upper() == "BEAM":
-                beams[self.node(card, other)] |= self._nodes(card, what)
+                beams[self.node(card, row[2])] |= self._nodes(card, what)
             else:
                 self.notes.lost(card, f"{kind.upper()}: of these BEAM, PIN and TIE are read")
         self.rigid += [Rigid(card, nodes, ref, ref) for ref, nodes in beams.items()]

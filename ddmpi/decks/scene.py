@@ -10,6 +10,7 @@ import numpy as np
 from ddmpi.decks.acting import Acts
 from ddmpi.decks.cards import (
     DROPPED,
+    EXACT,
     FAMILIES,
     PARAMETERS,
     VALUES,
@@ -111,9 +112,12 @@ class Importer:
         """The bodies of these elements. Raises DeckError where nodes are not there."""
         numbers, points = self.deck.placed()
         rows = rows_of(blocks)
-        points = points if self.family == "C3D" else points[:, :2]
         for block in blocks:
             refuse_lost(block.entries, numbers)
+            if self.family != "C3D":
+                with block.card.reading():
+                    self._refuse_outside(points[np.isin(numbers, block.entries[:, 1:])])
+        points = points if self.family == "C3D" else points[:, :2]
         for card in self.model.bolts:
             if "SURFACE" not in card.given:
                 self.notes.lost(card, "a pre-tension that is not of a section of solid elements")
@@ -129,6 +133,16 @@ class Importer:
             name = own_name(named, [piece.name for piece in pieces])
             pieces.append(Piece(name, own, numbers, points, self.family == "CAX"))
         return pieces
+
+    def _refuse_outside(self, points: np.ndarray) -> None:
+        """Raise DeckError for plane elements whose nodes have these points (n, 3) not in one plane across z, and around
+        an axis not on one side of it."""
+        x, _, z = points.T
+        close = EXACT * np.ptp(points, axis=0).max()
+        if np.ptp(z) > close:
+            raise DeckError("its nodes have different z, and plane elements are seen along z")
+        if self.family == "CAX" and x.min() < -close:
+            raise DeckError(f"a node has the radius {x.min():g}, on the other side of the axis y")
 
     def _elements(self) -> tuple[str, list[Block]]:
         """The family of the elements that a scene may have, and these. Raises InputError where there are none."""
@@ -160,8 +174,9 @@ class Importer:
         found: list[Block] = []
         own = set[int]()
         for card in self.deck.cards:
-            if card.word.endswith("SECTION") and "ELSET" in card.given:
-                own |= self.deck.chosen(card, "ELSET", card.given["ELSET"])
+            key = self.deck.key("ELSET", card.scope, card.given.get("ELSET", ""))
+            if card.word.endswith("SECTION") and key:
+                own |= self.deck.members("ELSET", ("", key))
         families = {
             _family(block) for block in self.deck.blocks if not own.isdisjoint(block.entries[:, 0])
         }

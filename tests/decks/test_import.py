@@ -628,6 +628,10 @@ LOST_IN_STEP = [
     ("*TEMPERATURE, FILE=x.frd", "*TEMPERATURE: temperatures of a file"),
     ("*CLOAD, OP=ADD\n36, 1, 0.", "*CLOAD: OP=ADD is not possible"),
     ("*CLOAD, TIME DELAY=0.1\n36, 1, 0.", "*CLOAD: TIME DELAY without an AMPLITUDE"),
+    (
+        "*INITIAL CONDITIONS, TYPE=TEMPERATURE\n1, 5.",
+        "*INITIAL CONDITIONS: it stands in a *STEP, and not before the first one",
+    ),
     ("*STATIC, RIKS", "*STATIC: its parameter RIKS is not possible"),
 ]
 
@@ -720,6 +724,7 @@ def test_amplitudes_on_the_command_line(tmp_path):
     assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 36.0]
 
 
+RING = grid("A", (2, 2), (1.0, 1.0), (1.0, 0.0), kind="CAX4") + STEEL + SECTION
 BAD = [
     (BOX + ROLLERS, "it has no *STATIC step (is it cut off?)"),
     (
@@ -777,6 +782,11 @@ BAD = [
     ),
     (BOX + "*NSET, NSET=LOOP\nLOOP\n" + step("*CLOAD", "1, 1, 1."), "the set LOOP contains itself"),
     (BOX + step("*CLOAD", "A_Z1, 0, 1."), "*CLOAD: there is no component 0"),
+    (
+        RING.replace("1.0, 0.0\n", "1.0, 0.0, 0.1\n", 1) + step(),
+        "*ELEMENT: its nodes have different z",
+    ),
+    (RING.replace("1, 1.0", "1, -1.0", 1) + step(), "*ELEMENT: a node has the radius -1"),
     (BOX + "*BOUNDARY\nA_Z0, 3, 1\n" + step(), "*BOUNDARY: it gives the components 3 to 1"),
     (BOX + "*NSET, NSET=S\n" + step("*CLOAD", "S, 1, 4."), "*CLOAD: the set S is empty"),
     (BOX + step("*DLOAD", ", BZ, 1."), "*DLOAD: the name of a set is missing"),

@@ -230,6 +230,7 @@ def test_a_large_turn_with_nlgeom_is_refused(tmp_path):
 ALIKE = "there is one of the name"
 TWICE = [
     (COUPLED + "*NSET, NSET=G\nA_X0\n*RIGID BODY, NSET=G, REF NODE=901\n", "there is no node 901"),
+    (BOX + "*BOUNDARY\nB.A_X1, 1\n", "*BOUNDARY: there is no set B.A_X1"),
     (BOX + "*BOUNDARY\n901, 1\n", "*BOUNDARY: there is no node 901"),
     (BOX + "*SOLID SECTION, ELSET=99, MATERIAL=STEEL\n", "*SOLID SECTION: there is no element 99"),
     (

@@ -1035,8 +1035,8 @@ MUTANTS = [
         (
             "a set of an instance may be another one",
             "decks/deck",
-            "word if inside in self.places else last",
-            "last",
+            "return self.key(kind, scope, word)",
+            "return self.key(kind, scope, word, word.rpartition('.')[2])",
             f"{TOGETHER}::test_a_set_of_an_instance_is_no_other_set",
         ),
         (
