@@ -278,8 +278,9 @@ def _positions(way: float, height: float) -> Iterable[float]:
 
 
 def penetrates_itself(body: Solid, kept: np.ndarray | None = None) -> Overlap:
-    """Where the middle of a facet lies in a boundary cell in the answer, deeper than as drawn. Where two cells both have
-    nodes that contacts of the body with itself have `kept` (n,) apart, this does not count.
+    """Where the middle of a facet lies in a boundary cell in the answer or on the way there, deeper than as drawn; if it
+    does, the deepest place in the answer. Where two cells both have nodes that contacts of the body with itself have
+    `kept` (n,) apart, this does not count.
 
     A boundary cell is the simplex of a facet and the opposite corner of its cell. Those with a node of the facet do not
     count: a quadratic facet that bends leaves the simplex beside it. Nor do places that lie in a boundary cell as drawn,
@@ -313,8 +314,30 @@ def penetrates_itself(body: Solid, kept: np.ndarray | None = None) -> Overlap:
             excess = depth - before - rounding - np.minimum(explained, RESOLVED * height[cell])
             k = int(np.argmax(excess))
             if excess[k] > 0.0:
-                return Overlap(float(depth[k]), middle[k])
+                found = Overlap(float(depth[k]), middle[k])
+                return max(
+                    found, _deepest_in_itself(body, corners[~closed]), key=lambda at: at.depth
+                )
     return Overlap()
+
+
+def _deepest_in_itself(body: Solid, corners: np.ndarray) -> Overlap:
+    """The deepest middle of the facets with these `corners` (f, d) in a cell with other nodes, in the answer. Its depth is
+    that of the place in this cell as drawn, where no side of the body is in another one."""
+    middle = body.moved[corners].mean(axis=1)
+    cells = cell_with(body.cells.shape[1], body.at.shape[1]).split(body.cells)
+    share, number = most_inside(middle, body.moved[cells.T], (corners, cells))
+    inside = np.flatnonzero(share > 0.0)
+    if not len(inside):
+        return Overlap()
+    nodes = cells[number[inside]]
+    moved, drawn = body.moved[nodes], body.at[nodes]
+    ways = (moved[:, 1:] - moved[:, :1]).swapaxes(1, 2)
+    parts = np.linalg.solve(ways, (middle[inside] - moved[:, 0])[:, :, None])[:, :, 0]
+    places = drawn[:, 0] + np.einsum("kj,kjd->kd", parts, drawn[:, 1:] - drawn[:, :1])
+    depth = distance_to(places, body.at[body.facets[:, :-1]])[0]
+    k = int(np.argmax(depth))
+    return Overlap(float(depth[k]), middle[inside[k]])
 
 
 def penetration(

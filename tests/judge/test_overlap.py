@@ -215,6 +215,27 @@ def test_a_slot_that_closes_is_found_in_the_cells_at_the_boundary(down, closed):
     assert (penetrates_itself(body).depth > 0.0) == closed
 
 
+@pytest.mark.parametrize("size", [1e-3, 1.0, 1e3])
+@pytest.mark.parametrize("down", [0.1, 0.5, 1.5])
+@pytest.mark.parametrize("turn", [0.0, np.deg2rad(37.0)])
+def test_the_depth_of_a_body_in_itself_is_the_deepest(down, turn, size):
+    """The upper arm of a C, whose slot is 0.4 wide at its root and 0.01 at its tip, is bent into the lower one, which is
+    1 wide: to the nearest side of that one by hand, at the middles of facets."""
+    mesh = squares({(i, j) for i in range(20) for j in range(12) if i < 5 or j not in (5, 6)}, 0.2)
+    part = np.where(mesh.points[:, 1] > 1.3, np.maximum(mesh.points[:, 0] - 1.0, 0.0) / 3.0, 0.0)
+    c, s = np.cos(turn), np.sin(turn)
+    Q = size * np.array([[c, s], [-s, c]])
+    bent = part[:, None] * [0.0, 1.0]
+    drawn = replace(mesh, points=(mesh.points - 0.39 * bent) @ Q)
+    found = penetrates_itself(of(drawn, lambda _: -down * bent @ Q))
+    x = np.arange(1.1, 4.0, 0.2)
+    inside = (down + 0.39) * (x - 1.0) / 3.0 - 0.4
+    depths = np.minimum(np.minimum(inside, 1.0 - inside), 4.0 - x)
+    assert found.depth == pytest.approx(size * depths.max(), rel=1e-9)
+    place = size * np.array([x[depths.argmax()], 1.0 - inside[depths.argmax()]])
+    assert found.place @ Q.T / size**2 == pytest.approx(place / size, rel=1e-9)
+
+
 @pytest.mark.parametrize("size", [1.0, 1e-6, 1e6])
 @pytest.mark.parametrize(
     ("motion", "depth"),
