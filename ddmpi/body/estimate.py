@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -142,12 +142,14 @@ class DiscretizationError:
     by_body : ‖e‖ of single bodies over the same ‖u‖; nan as well; of all bodies on the first rank only
     estimates : the estimates of this rank's bodies
     mean : energy norm squared over area, of all bodies (J/m³)
+    own : ‖e‖ / ‖u‖ of single bodies, on the first rank only
     """
 
     relative: float
     by_body: dict[str, float]
     estimates: dict[str, ErrorEstimate]
     mean: float
+    own: Mapping[str, float] = field(default_factory=dict)
 
     def density(self, body: str) -> np.ndarray | None:
         """Error of all cells (nt,) per area over the mean energy norm per area, without unit; None if unknown."""
@@ -173,7 +175,9 @@ def sum_errors(
         name: relative_error(square, error + energy - square)
         for name, (square, *_) in bodies.items()
     }
-    return DiscretizationError(relative_error(error, energy), shares, estimates, energy / area)
+    own = {name: relative_error(square, size) for name, (square, size, _) in bodies.items()}
+    whole = relative_error(error, energy)
+    return DiscretizationError(whole, shares, estimates, energy / area, own)
 
 
 def estimate_error(

@@ -41,7 +41,7 @@ LIMIT = {
     "undecided": 1e-9,  # the same: largest gap of an open contact, over the displacements; by rounding up to 1e-13
     "skewed": 3.0,  # doubt_cells: largest over least Jacobian of a brick; trapezoids with sides 1.7 and 0.3 have 5.7
     "many": 0.1,  # and the part of such bricks in a body
-    "idle": 1e-6,  # doubt_answer: least force of a contact, over that of all, for doubts of its forces
+    "idle": 1e-6,  # doubt_answer: least force of a contact, over that of all, for doubts of its forces; _hidden: energy
     # of contacts; in good answers the first two are up to 0.12
     "between": 0.25,  # _overlap_between: overlap between nodes over the displacement by contact forces
     "air": 0.25,  # _held_through_air: friction of open nodes over all forces of the contact
@@ -345,7 +345,8 @@ def _points_that_carry(
 
 
 def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> list[str]:
-    """A warning of elements that make the estimated discretization error large. Not collective."""
+    """A warning of elements that make the estimated discretization error large, of linear ones also that of a body whose
+    energy is little beside that of others. Not collective."""
     k = int(np.argmax([error.by_body[body.name] for body in bodies]))
     what, cure, limit = {
         1: (
@@ -360,10 +361,24 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
         ),
     }[bodies[k].mesh.order]
     if not error.relative > LIMIT[limit]:
-        return []
+        return [] if limit == "quadratic" else _hidden(error)
     return [
         f"body.{bodies[k].name}: {what}: the estimated discretization error is {error.relative:.2g}, "
         f"of which this body has {error.by_body[bodies[k].name]:.2g}; use {cure}"
+    ]
+
+
+def _hidden(error: DiscretizationError) -> list[str]:
+    """A warning of the body whose linear elements are the stiffest, where other bodies have most of the energy."""
+    least = np.sqrt(LIMIT["idle"])
+    own = {name: size for name, size in error.own.items() if error.by_body[name] > least}
+    name = max(own, key=lambda name: own[name], default="")
+    if not (name and own[name] > LIMIT["linear"]):
+        return []
+    return [
+        f"body.{name}: linear elements make it too stiff: its estimated discretization error is {own[name]:.2g} of its "
+        f"own energy norm, and {error.by_body[name]:.2g} of that of all bodies; use quadratic elements (mesh.order = 2) "
+        "or a finer mesh"
     ]
 
 

@@ -189,6 +189,27 @@ def test_stresses_of_rounding_grow_nowhere(more, grows):
     assert any("grows without limit" in warning for warning in found) is grows
 
 
+@pytest.mark.parametrize(
+    ("order", "pull", "told"),
+    [
+        (1, 0.0, "the estimated discretization error is 0.81, of which this body has 0.81"),
+        (1, 1e7, "its estimated discretization error is 0.81 of its own energy norm, and 0.0"),
+        (1, 1e10, ""),
+        (2, 1e7, ""),
+    ],
+)
+def test_linear_elements_are_too_stiff_beside_other_bodies_too(order, pull, told):
+    """A beam of one element across, beside a block that has most of the energy, or nearly all of it."""
+    down, along = {"on": "right", "value": [0.0, -1e4]}, {"on": "right", "value": [pull, 0.0]}
+    beam = block("beam", 0.0, 0.0, (10, 1), ["left"], [down], (10, 1))
+    pulled = block("pulled", 20.0, 0.0, (1, 1), [{"on": "left", "x": 0.0}], [along], (1, 1))
+    pulled["clamp"].append({"on": "left & bottom", "y": 0.0})
+    beam["mesh"]["order"] = pulled["mesh"]["order"] = order
+    summary = ddmpi.solve({"body": [beam, pulled]}, MPI.COMM_SELF).summary
+    found = [warning for warning in summary["warnings"] if "too stiff" in warning]
+    assert len(found) == bool(told) and all(re.search(told, each) for each in found), found
+
+
 def test_reactions_of_rounding_are_zero():
     """Of a plate that heat lets grow; of a weight 1e-9 times as large as what its supports bear they are not."""
     plate = block("plate", 0.0, 0.0, (1, 1), [{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}])
