@@ -201,8 +201,8 @@ class StepLog:
 
     def balance(self) -> dict[str, float]:
         """The entry ``energy`` of summary.json: the balance at the end; the worst residual over the largest energy."""
-        # ΔW − ΔU − ΔI is rounding, but where bodies move far and rows change; interface work less dissipation goes to
-        # interference, closing gaps and errors of time stepping
+        # ΔW − ΔU − ΔI is rounding; interface work less dissipation goes to interference, closing gaps and errors of time
+        # stepping
         rows = np.array(self.energies or np.zeros((1, 6)))
         _, external, strain, interface, dissipated, _ = rows[-1].tolist()
         # what heats and moves freely stores rounding of what it would store if it were held

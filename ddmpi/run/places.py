@@ -56,6 +56,7 @@ class Memory:
     ----------
     time, freed : its end, and how far free frames had gone then
     displacements : (nv, d) of this rank's bodies in their frames (m)
+    acting : (2, nv, d) on their nodes, in their frames: loads, and contact forces (N)
     contacts : by contact that this rank owns the arrays of `rows_of`
     moved : how far bodies have moved along the normals of nodes at most (m), by contact of this rank's bodies
     """
@@ -63,6 +64,7 @@ class Memory:
     time: float
     freed: Freed
     displacements: Mapping[str, np.ndarray]
+    acting: Mapping[str, np.ndarray]
     contacts: Rows
     moved: Mapping[str, float]
 
@@ -85,7 +87,7 @@ class FarMarch(March):
 
     def __init__(self, assembly: Assembly, iteration: Iteration, log: StepLog) -> None:
         still = np.zeros({2: 3, 3: 6}[assembly.scene.dimension])
-        first = Memory(0.0, dict.fromkeys(assembly.free, still), {}, {}, _deepest(assembly))
+        first = Memory(0.0, dict.fromkeys(assembly.free, still), {}, {}, {}, _deepest(assembly))
         self._whole = frozenset[str]()  # contacts of which no rows are left out in this step
         self._still = first.freed  # where held motions stay
         self._slight = RESISTED  # friction with coefficients up to this resists no motions
@@ -316,30 +318,45 @@ class FarMarch(March):
             solution.time,
             self.assembly.placement.freed,
             solution.displacements,
+            {
+                body.spec.name: np.stack(
+                    [body.member.elasticity.acting.f, body.member.pull(forces)]
+                )
+                for body, forces in zip(self.assembly.bodies, self.outer.body_forces(), strict=True)
+            },
             {name: rows_of(state) for name, state in solution.states.items()},
             {name: total.moved for name, total in solution.contacts.items()},
         )
 
-    def _by_frames(self, solution: Solution, before: Mark) -> float:
-        """Work of the motions of frames (J): clamps balance what contact forces do to bodies that move."""
-        memory, joules = before.memory, 0.0
+    def _worked(self, solution: Solution, now: Mark, before: Mark) -> tuple[float, float]:
+        """External work, and that of contact forces, by the forces at both ends of the step over the ways of the material
+        points on which they act there: whatever rows enter or leave."""
+        memory, joules, factors = before.memory, np.zeros(2), now.factors - before.factors
+        for name, u in now.memory.displacements.items():
+            then = memory.acting.get(name, 0.0), memory.displacements.get(name, 0.0)
+            joules += 0.5 * ((now.memory.acting[name] + then[0]) * (u - then[1])).sum(axis=(1, 2))
+        loads, contacts = np.sum(self.assembly.world.allgather(joules), axis=0)
+        clamps = 0.5 * factors @ (now.work[1] + before.work[1])
+        frames = self._by_frames(solution, memory)
+        return float(loads + clamps) + frames, frames - float(contacts)
+
+    def _by_frames(self, solution: Solution, memory: Memory) -> float:
+        """Work of the motions of frames (J): clamps and loads balance what contact forces do to bodies that move."""
+        joules = 0.0
         then, now = memory.frames(self.assembly.scene), self.assembly.frames
         for name, state in solution.states.items():
+            # the mean of the forces at both ends, each over the way of the place at which it acts
+            ends = [(rows_of(state), 1.0), (memory.contacts.get(name), -1.0)]
             for side, body in enumerate(state.interface.bodies):
                 step = now[body].after(then[body].undone)
-                # the mean of the forces at both ends, each over the way of the place at which it acts
-                for rows, way, sign in (
-                    (rows_of(state), step.undone, -1.0),
-                    (memory.contacts.get(name), step, 1.0),
-                ):
+                for rows, sign in ends:
                     if rows:
-                        at = rows[("first", "second")[side]]
-                        joules -= (
-                            0.5
-                            * sign
-                            * (1.0, -1.0)[side]
-                            * float(((way.at(at) - at) * rows["forces"]).sum())
+                        at, way = (
+                            rows[("first", "second")[side]],
+                            step if sign < 0.0 else step.undone,
                         )
+                        moved = float(((way.at(at) - at) * rows["forces"]).sum())
+                        joules += 0.5 * sign * (1.0, -1.0)[side] * moved
         return float(self.assembly.space.add(np.array([joules]))[0])
 
     def _too_short(self) -> float:

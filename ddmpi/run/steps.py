@@ -294,7 +294,7 @@ class March:
             [sum(getattr(each, what) for each in contacts) for what in ("dissipated", "closed")]
         )
         self._now = now = self._marked(time, solution, closed)
-        self._note_energy(now, before, rubbed, self._by_frames(solution, before))
+        self._note_energy(now, before, rubbed, *self._worked(solution, now, before))
         self.log.note_step(time, solution)
         self.log.judge(solution.certificate)
         drawn = self._drawn(time)
@@ -341,13 +341,14 @@ class March:
             memory=self._remember(solution),
         )
 
-    def _note_energy(self, now: Mark, before: Mark, rubbed: float, by_frames: float) -> None:
-        """Note the line of energy.csv of a step, in which friction dissipates `rubbed` (J)."""
+    def _note_energy(
+        self, now: Mark, before: Mark, rubbed: float, work: float, taken: float
+    ) -> None:
+        """Note the line of energy.csv of a step: external `work`, what contacts have `taken`, and what friction dissipates,
+        `rubbed` (J)."""
         space = self.assembly.space
         if before.time == 0.0:
             self._given = now.given(before, space)
-        work, taken = now.work_since(before, space)
-        work += by_frames
         lost = work - (now.energy - before.energy) - taken  # ΔW − ΔU − ΔI, zero but for rounding
         soft = self.assembly.joint.soft
         stored = space.stored(now.s) if soft else 0.0
@@ -538,9 +539,9 @@ class March:
         """The forces (size,) of a mark on the rows of now (N)."""
         return mark.s
 
-    def _by_frames(self, solution: Solution, before: Mark) -> float:
-        """Work of the motions of frames (J). Collective."""
-        return 0.0
+    def _worked(self, solution: Solution, now: Mark, before: Mark) -> tuple[float, float]:
+        """External work, and that of contact forces (J), of a step. Collective."""
+        return now.work_since(before, self.assembly.space)
 
     def _remember(self, solution: Solution) -> Any:
         """What the next step needs of this one, where bodies move far."""

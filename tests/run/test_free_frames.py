@@ -275,6 +275,7 @@ def test_steps_that_are_not_given_are_small_enough_to_roll(rows, angle):
     places = answer.solved.steps.places
     gone = places[2.0].freed["wheel"] - places[1.0].freed["wheel"]
     assert gone[0] == pytest.approx(np.radians(angle), rel=3e-3)
+    assert answer.summary["energy"]["residual"] < 1e-8
 
 
 def test_a_wheel_that_slips_needs_no_steps_to_roll():

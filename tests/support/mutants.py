@@ -5208,6 +5208,13 @@ MUTANTS = [
             f"{FREE}::test_several_parts_turn_as_one_by_itself",
         ),
         (
+            "rows that have left did no work",
+            "run/places",
+            "(now.memory.acting[name] + then[0])",
+            "(now.memory.acting[name])",
+            f"{FAR}::test_energies_balance_whatever_rows_enter_and_leave",
+        ),
+        (
             "slight friction resists turns",
             "run/held",
             "law.slope(none) > slight",
@@ -5294,8 +5301,8 @@ MUTANTS = [
         (
             "frames that move do no work",
             "run/places",
-            "joules -= 0.5 * sign",
-            "joules -= 0.0 * sign",
+            "joules += 0.5 * sign",
+            "joules += 0.0 * sign",
             f"{FAR}::test_a_block_slides_with_the_friction_of_its_pressure",
         ),
         (
