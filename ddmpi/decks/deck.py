@@ -365,8 +365,11 @@ class Deck:
             own = [np.flatnonzero(np.isin(numbers, members)) for numbers in among]
             # others are of another instance, or of the assembly alone
             if not self.places or any(map(len, own)):
-                into = found[label]
-                into |= {k: np.union1d(some, into.get(k, some)) for k, some in enumerate(own)}
+                before = found.setdefault(label, dict(enumerate(own)))
+                if not all(np.array_equal(before[k], some) for k, some in enumerate(own)):
+                    raise DeckError(
+                        f"the set {label} and the surface of this name have other nodes"
+                    )
         return found
 
     def _facets(
@@ -383,13 +386,26 @@ class Deck:
                         yield label, rows[:, 1 + at]
 
     def _labels(self, kinds: Sequence[str], only: str | None) -> Iterator[tuple[str, str, str]]:
-        """Kind and key of sets and surfaces, and their names; of those of the instance `only` the names in its part."""
+        """Kind and key of sets and surfaces, and their names; of those of the instance `only` the names in its part,
+        unless one of the whole assembly that has members there is called so."""
         for (kind, key), name in self.names.items():
             if kind not in kinds:
                 continue
             if only and key.startswith(f"{only}."):
-                name = name[len(self.places[only].name) + 1 :]
+                own = name[len(self.places[only].name) + 1 :]
+                name = name if self._reaches(kind, called(own), only) else own
             yield kind, key, name
+
+    def _reaches(self, kind: str, key: str, only: str) -> bool:
+        """Whether there is a set or surface with this key that has members in the instance `only`."""
+        if (kind, key) not in self.names:
+            return False
+        if kind == "SURFACE":
+            entries = [what for what, _ in self.sets[kind][key]]
+            members = set().union(*(self.members("ELSET", what) for what in entries))
+        else:
+            members = self.members(kind, ("", key))
+        return any(number // STRIDE == self._first[only] // STRIDE for number in members)
 
 
 def _frame(place: list[list[str]]) -> Frame:

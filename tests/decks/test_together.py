@@ -22,6 +22,8 @@ from test_import import (
 )
 
 import ddmpi
+from ddmpi.decks.cards import DeckError
+from ddmpi.decks.deck import Deck
 from ddmpi.scene.formulas import evaluate
 
 PULL = step("*CLOAD", "A_Z1, 3, 1.")
@@ -897,6 +899,34 @@ def test_a_set_of_an_instance_is_no_other_set(tmp_path):
     assert "there is no set I.FREE" in refused(
         tmp_path, deck.replace("*STEP", "*BOUNDARY\nI.FREE, 1\n*STEP")
     )
+
+
+def test_sets_and_surfaces_of_a_part_and_of_the_assembly_with_one_name(tmp_path):
+    """The name is that of the assembly, where this has members of the part, as for its loads; it had both."""
+    part = "*NSET, NSET=S\nA_X0, A_X1\n*SURFACE, NAME=F\n1, S1\n*END PART"
+    whole = "*NSET, NSET=S, INSTANCE=I\n1\n*SURFACE, NAME=F\nI.A, S2\n*SURFACE, NAME=F2\nI.A, S3\n"
+    deck = turned_part("").replace("*END PART", part)
+    (tmp_path / "a.inp").write_text(deck.replace("*END ASSEMBLY", f"{whole}*END ASSEMBLY"))
+    mesh = Deck(tmp_path / "a.inp").mesh("I")
+    assert {name: len(mesh.point_sets[name]) for name in ("S", "I.S")} == {"S": 1, "I.S": 8}
+    assert all(sum(map(len, mesh.cell_sets[name])) == 1 for name in ("F", "I.F", "F2"))
+    other = "*INSTANCE, NAME=J, PART=P\n9., 0., 0.\n*END INSTANCE\n" + whole.replace("I", "J")
+    other = other.replace("JNSTANCE", "INSTANCE")
+    (tmp_path / "b.inp").write_text(deck.replace("*END ASSEMBLY", f"{other}*END ASSEMBLY"))
+    mesh = Deck(tmp_path / "b.inp").mesh("I")
+    assert len(mesh.point_sets["S"]) == 8 and "I.S" not in mesh.point_sets
+
+
+def test_a_set_and_a_surface_of_nodes_with_one_name(tmp_path):
+    """They are no two groups of a mesh file: with the same nodes they are one, with others refused."""
+    faces = "*SURFACE, NAME=A_Z1, TYPE=NODE\n{}\n"
+    for nodes, words in ("A_Z1", ""), ("A_Z0", "the set A_Z1 and the surface of this name have"):
+        (tmp_path / "a.inp").write_text(BOX + faces.format(nodes))
+        if words:
+            with pytest.raises(DeckError, match=words):
+                Deck(tmp_path / "a.inp").mesh()
+        else:
+            assert len(Deck(tmp_path / "a.inp").mesh().point_sets["A_Z1"]) == 9
 
 
 def test_a_body_that_nothing_names_has_a_boundary(tmp_path):

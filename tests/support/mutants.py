@@ -774,6 +774,13 @@ MUTANTS = [
             f"{TOGETHER}::test_temperatures_begin_and_end_at_the_initial_ones",
         ),
         (
+            "sets of a part and of the assembly are one",
+            "decks/deck",
+            "name = name if self._reaches(kind, called(own), only) else own",
+            "name = own",
+            f"{TOGETHER}::test_sets_and_surfaces_of_a_part_and_of_the_assembly_with_one_name",
+        ),
+        (
             "loads of a deck do not jump",
             "decks/model",
             "abs(first - before)",
