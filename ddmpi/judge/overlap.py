@@ -70,6 +70,11 @@ class Solid:
         return np.unique(self.facets[:, :-1])
 
     @cached_property
+    def size(self) -> float:
+        """Twice the largest distance from its middle as drawn, however it lies (m)."""
+        return _spread(self.at[self.outer])
+
+    @cached_property
     def height(self) -> np.ndarray:
         """(f,) of the cells over the facets, as drawn (m)."""
         normal = normals(self.at[self.facets[:, :-1]])
@@ -124,6 +129,11 @@ class Solid:
             np.searchsorted(nodes, self.facets),
             self.numbers[nodes],
         )
+
+
+def _spread(vectors: np.ndarray) -> float:
+    """Twice the largest distance of vectors (n, d) from their mean."""
+    return 2.0 * float(np.hypot.reduce(vectors - vectors.mean(axis=0), axis=1).max())
 
 
 def as_drawn(mesh: Mesh) -> Solid:
@@ -286,12 +296,11 @@ def penetrates_itself(body: Solid, kept: np.ndarray | None = None) -> Overlap:
     count: a quadratic facet that bends leaves the simplex beside it. Nor do places that lie in a boundary cell as drawn,
     and up to a fraction RESOLVED of a cell what curvature and small-strain theory explain, as in `penetration`.
     """
-    motions = (body.moved - body.at)[body.outer]
-    way = float(np.linalg.norm(np.ptp(motions, axis=0)))
+    way = _spread((body.moved - body.at)[body.outer])
     height, corners = body.height, body.facets[:, :-1]
     rounding = 32.0 * float(np.spacing(np.abs(body.at).max()))
     least = max(RESOLVED, body.gradient) * way
-    if not 0.0 < way <= np.ptp(body.at, axis=0).max():  # or is no number
+    if not 0.0 < way <= body.size:  # or is no number
         return Overlap()
     drawn = body.within
     closed = np.zeros(len(corners), bool) if kept is None else kept[body.facets].any(axis=1)
@@ -367,11 +376,7 @@ def penetration(
     if drawn.depth <= SAME * np.median(heights):
         drawn, least = Overlap(), least + drawn.depth
     motions = np.concatenate([(solid.moved - solid.at)[solid.outer] for solid in (first, second)])
-    if (
-        not 0.0
-        < np.abs(motions).max()
-        <= max(np.ptp(solid.at, axis=0).max() for solid in (first, second))
-    ):
+    if not 0.0 < np.hypot.reduce(motions, axis=1).max() <= max(first.size, second.size):
         return drawn, drawn.depth  # nothing moved, or the displacements are no numbers
     largest = float(np.linalg.norm(motions - motions.mean(axis=0), axis=1).max())
     # Small-strain theory neglects products of displacements with strains and rotations.
@@ -413,12 +418,14 @@ def deepest_in(
         """Which points, of some (k,) bool, lie in cells, up to rounding where two of these meet."""
         return np.flatnonzero(some)[most_inside(points[some], at[cells.T])[0] > -1e-12]
 
-    # What is closed lies in cells at the contact, up to small errors: most contacts need no distances.
-    at_contact = np.zeros(len(at), bool)
-    at_contact[b.facets[kept_of_b[b.facets[:, :-1]].all(axis=1), :-1]] = True
-    free = np.concatenate(
-        [inside(~closed, near), inside(closed, near[~at_contact[near].any(axis=1)])]
-    )
+    # What is closed lies in cells at the contact, up to small errors: most contacts need no distances. It may have come
+    # there through a facet beside the contact.
+    of_contact = kept_of_b[b.facets[:, :-1]].all(axis=1)
+    at_contact, beside = np.zeros((2, len(at)), bool)
+    at_contact[b.facets[of_contact, :-1]] = True
+    beside[b.facets[~of_contact, :-1]] = True
+    entered = ~at_contact[near].any(axis=1) | (beside[near].sum(axis=1) >= at.shape[1])
+    free = np.concatenate([inside(~closed, near), inside(closed, near[entered])])
     boundary = at[b.facets[:, :-1]]
     if not len(free) or distance_to(points[free], boundary, least)[0].max() <= least:
         return Overlap()

@@ -150,6 +150,47 @@ def test_a_contact_node_in_another_part_of_the_partner_is_found():
     assert (found, drawn) == (pytest.approx(0.05), 0.0)
 
 
+@pytest.mark.parametrize(("side", "depth"), [(0.1, 0.1), (0.02, 0.02), (0.0, 0.0)])
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+def test_a_contact_node_that_comes_in_beside_the_contact_is_found(side, depth, turn):
+    """The corner of a square that stands on its tip, all of it contact nodes, is in the side of a block by `side`, 0.15
+    below the contact on its top."""
+    block, square = rectangle((0, 0), (1, 1)), rectangle((0, 0), (0.5, 0.5), (2, 2))
+    c, s = np.cos(turn), np.sin(turn)
+    tip = square.points @ (np.array([[1.0, 1.0], [-1.0, 1.0]]) / np.sqrt(2.0)) @ [[0, 1], [-1, 0]]
+    tip = tip - tip[tip[:, 0].argmin()] + [1.0 - side, 0.85]
+    Q = np.array([[c, s], [-s, c]])
+    solids_ = [
+        of(replace(mesh, points=at @ Q)) for mesh, at in ((block, block.points), (square, tip))
+    ]
+    kept = np.abs(block.points[:, 1] - 1.0) < 1e-9, np.ones(len(tip), bool)
+    for order in (1, -1):
+        found = penetration(*solids_[::order], kept[::order])[0]
+        assert found.depth == pytest.approx(depth, rel=1e-9)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+def test_a_body_that_moves_by_more_than_a_side_of_its_is_looked_at(turn):
+    """However it lies: by less than the diagonal, in a block that it meets, and within one body."""
+    c, s = np.cos(turn), np.sin(turn)
+    Q = np.array([[c, s], [-s, c]])
+    one, other = (
+        replace(each, points=each.points @ Q)
+        for each in (rectangle((0, 0), (1, 1)), rectangle((2, 0), (1, 1)))
+    )
+    moved = np.array([-1.3, 0.0]) @ Q
+    found, drawn = penetration(of(one), of(other, moved), [np.zeros(25, bool)] * 2)
+    assert (found.depth, drawn) == (pytest.approx(0.3), 0.0)
+    number = len(one.points)
+    both = Mesh(
+        np.concatenate([one.points, other.points]),
+        np.concatenate([one.triangles, other.triangles + number]),
+        {},
+    )
+    later = np.arange(2 * number)[:, None] >= number
+    assert penetrates_itself(of(both, lambda at: later * moved)).depth == pytest.approx(0.3)
+
+
 @pytest.mark.parametrize("size", [1.0, 1e-6, 1e6])
 def test_overlaps_by_the_load_are_found_whatever_the_units(size):
     wall = of(rectangle((size, 0), (size, size)))
