@@ -122,7 +122,7 @@ def gathered(world: MPI.Comm, entries: Mapping[K, T]) -> dict[K, T]:
     Tables that grow with the number of bodies are gathered, not `merged`: the first rank judges and writes them, and
     sends the others a few numbers.
     """
-    of_ranks = world.gather(entries)
+    of_ranks = world.gather(entries) if world.size > 1 else None
     return (
         dict(entries)
         if of_ranks is None
@@ -132,4 +132,5 @@ def gathered(world: MPI.Comm, entries: Mapping[K, T]) -> dict[K, T]:
 
 def merged(world: MPI.Comm, entries: Mapping[K, T]) -> dict[K, T]:
     """One table from those of all ranks, in the order of the ranks. Collective."""
-    return {key: value for rank in world.allgather(entries) for key, value in rank.items()}
+    of_ranks = world.allgather(entries) if world.size > 1 else [entries]
+    return {key: value for rank in of_ranks for key, value in rank.items()}
