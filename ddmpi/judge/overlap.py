@@ -60,7 +60,7 @@ class Solid:
         """A body of this mesh that moved by `u` (n, d)."""
         still = mesh.once(as_drawn)
         body = cls(mesh.points, mesh.points + u, still.cells, still.facets, still.numbers)
-        known = ("outer", "height", "sagitta", "within")
+        known = ("outer", "height", "within")
         vars(body).update({name: getattr(still, name) for name in known})
         return body
 
@@ -319,8 +319,11 @@ def penetrates_itself(body: Solid, kept: np.ndarray | None = None) -> Overlap:
             cell = cells[nearest]
             depth = share * height[cell]
             before = np.maximum(drawn[some], 0.0) * height[cell]
+            excess = depth - before - rounding
+            if not (excess > 0.0).any():
+                continue
             explained = least + body.sagitta[some] + body.sagitta[cell]
-            excess = depth - before - rounding - np.minimum(explained, RESOLVED * height[cell])
+            excess = excess - np.minimum(explained, RESOLVED * height[cell])
             k = int(np.argmax(excess))
             if excess[k] > 0.0:
                 found = Overlap(float(depth[k]), middle[k])

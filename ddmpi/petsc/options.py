@@ -66,9 +66,12 @@ def in_force() -> dict[str, str | None]:
     """
     from petsc4py import PETSc  # only after petsc4py.init, which takes the arguments
 
+    options = PETSc.Options()
+    if not options.getAll():
+        return {}
     with open(_file_without_name(), encoding="utf-8", errors="surrogateescape") as page:
         viewer = PETSc.Viewer().createASCII(f"/dev/fd/{page.fileno()}", comm=PETSc.COMM_SELF)
-        PETSc.Options().view(viewer)
+        options.view(viewer)
         viewer.destroy()
         page.seek(0)
         lines = [_SOURCE.sub("", line) for line in page.read().split("\n") if line.startswith("-")]
