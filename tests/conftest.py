@@ -66,6 +66,18 @@ def own_temporary_root(config: pytest.Config) -> None:
         config.add_cleanup(lambda: shutil.rmtree(root, ignore_errors=True))
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Of the cases of a test that is marked so, the quick suite asks every k-th."""
+    seen: Counter[str] = Counter()
+    for item in items:
+        mark, name = item.get_closest_marker("every"), item.nodeid.partition("[")[0]
+        if mark and not item.get_closest_marker("slow"):
+            if seen[name] % mark.args[0]:
+                item.add_marker("slow")
+            seen[name] += 1
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """What needs the optional clarabel is skipped without it."""
     if item.get_closest_marker("clarabel"):

@@ -88,10 +88,16 @@ def room_of(module: str) -> str:
 
 
 @functools.cache
+def nodes(module: str) -> list[ast.AST]:
+    """The syntax tree of a module, which comes first, and all below it."""
+    return [*ast.walk(ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8")))]
+
+
+@functools.cache
 def imported(module: str) -> set[str]:
     """Full names of everything that a module imports, anywhere in it."""
     names = set()
-    for node in ast.walk(ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))):
+    for node in nodes(module):
         if isinstance(node, ast.Import):
             names |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
@@ -155,15 +161,14 @@ def test_nevers(room, never, but):
 
 def code(module: str) -> str:
     """What a module does, without its docstrings and comments."""
-    tree = ast.parse((PACKAGE / f"{module}.py").read_text(encoding="utf-8"))
-    for node in ast.walk(tree):
+    for node in nodes(module):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef):
             node.body = [
                 each
                 for each in node.body
                 if not (isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant))
             ] or [ast.Pass()]
-    return ast.unparse(tree)
+    return ast.unparse(nodes(module)[0])
 
 
 def test_few_places_ask_for_the_dimension():

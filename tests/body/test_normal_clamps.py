@@ -89,6 +89,7 @@ def body(**more) -> BodySpec:
     return BodySpec(name="body", mesh=MeshSpec(file="unused.msh"), material=STEEL, **more)
 
 
+@pytest.mark.every(5)
 @both_orders
 @turns
 @pytest.mark.parametrize("by", ["normal", "along", "formulas"])

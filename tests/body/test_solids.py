@@ -222,6 +222,7 @@ def waving(n: int, order: int, jitter: float = 0.15) -> tuple[Mesh, np.ndarray]:
     return mesh, solve(mesh, spec)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("order", "sizes", "largest"), [seldom(1, (4, 8, 12), 0.1), (2, (2, 4, 6), 0.02)]
 )

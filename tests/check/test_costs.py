@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from mpi4py import MPI
-from scenes import pinched_blocks, prepare_scene, run_python, to_toml, write_scene
+from scenes import pinched_blocks, prepare_scene, run_python, seldom, to_toml, write_scene
 from solid_scenes import two_boxes
 
 from ddmpi.check import costs
@@ -56,7 +56,7 @@ def test_check_tells_costs_before_a_run(tmp_path, caplog):
     )
 
 
-@pytest.mark.parametrize("scene", [pinched_blocks(22), two_boxes(6)])
+@pytest.mark.parametrize("scene", [pinched_blocks(10), two_boxes(4)])
 def test_the_disk_is_as_told(tmp_path, scene):
     """Within the factor that the page tells, without pictures."""
     settled = read_scene("scene.toml", to_toml(scene))
@@ -69,14 +69,15 @@ def test_costs_grow_as_laws_say():
     """Factors in space with n² at last, products with the second power of contact nodes, the rest with n; a slower machine
     takes as much longer."""
     small, large = (told(two_boxes(N)) for N in (4, 8))
-    n = prepare_scene(MPI.COMM_SELF, two_boxes(8)).n / prepare_scene(MPI.COMM_SELF, two_boxes(4)).n
+    scenes = (read_scene("scene.toml", to_toml(two_boxes(N))) for N in (8, 4))
+    n, of_small = (prepare(MPI.COMM_SELF, scene, factor=False).n for scene in scenes)
     for phase in ("factors", "recovery"):
-        assert 1.0 < large.seconds[phase][0] / small.seconds[phase][0] < n**2
+        assert 1.0 < large.seconds[phase][0] / small.seconds[phase][0] < (n / of_small) ** 2
     assert large.memory[0] > small.memory[0] and large.disk > 4.0 * small.disk
     assert large.seconds["mesh"] == (1.0, 1.0, 1.0) and large.seconds["assembly"][0] == 2.0
 
 
-@pytest.mark.parametrize("compliance", ["explicit", "direct", "iterative"])
+@pytest.mark.parametrize("compliance", [seldom("explicit"), "direct", "iterative"])
 def test_alike_bodies_cost_one_solver(compliance):
     """Seven boxes, of which five inner ones are alike, and seven of unlike materials: a run makes three and seven solvers;
     multigrid is made for each body."""
@@ -87,7 +88,7 @@ def test_alike_bodies_cost_one_solver(compliance):
                 "name": f"box{k}",
                 "clamp": ["bottom"] * (not k),
                 "mesh": {"shape": "box", "origin": [0.0, 0.0, k], "size": [1.0, 1.0, 1.0]}
-                | {"divisions": [6, 6, 6]},
+                | {"divisions": [4, 4, 4]},
                 "material": {"young": 2e11 + k * unlike, "poisson": 0.3},
             }
             for k in range(7)

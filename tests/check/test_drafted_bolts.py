@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from mpi4py import MPI
+from scenes import seldom
 
 import ddmpi
 from ddmpi.check import draft
@@ -101,7 +102,7 @@ def bolts_of(path: Path, parts: int, size: float = 5.0) -> tuple[list[Bolt], lis
     ("draw", "parts", "expected", "contacts"),
     [
         (tapped, 3, [("1", "3", 1.0)], [{"1", "2"}, {"2", "3"}]),
-        (through, 4, [("4", "3", 1.0)], [{"1", "2"}, {"1", "4"}, {"2", "3"}]),
+        seldom(through, 4, [("4", "3", 1.0)], [{"1", "2"}, {"1", "4"}, {"2", "3"}]),
         (rod, 4, [("3", "2", 1.0), ("4", "2", 0.0)], [{"1", "3"}, {"1", "4"}]),
         (fit, 3, [], None),
         (dowel, 3, [], None),

@@ -8,7 +8,7 @@ from unittest import mock
 import numpy as np
 import pytest
 from browser import in_browser, opened, unpacked
-from scenes import call, pinched_blocks, run_python, to_toml, write_scene
+from scenes import call, pinched_blocks, run_python, seldom, to_toml, write_scene
 from solid_scenes import two_boxes
 from test_check import drawn_parts, plug_in_ring
 
@@ -127,7 +127,7 @@ def test_a_face_that_is_clamped_by_its_number_is_clamped_once(tmp_path):
     """The line by what it is takes the place of that by its number."""
     scene = SCENES["drawing"](tmp_path)
     scene["body"][0]["clamp"] = [{"on": 1, "x": 0.01}]
-    (one,) = (piece for piece in drawn_too(scene, tmp_path)[0]["pieces"] if piece["name"] == "1")
+    (one,) = (piece for piece in checked(scene, tmp_path)[0]["pieces"] if piece["name"] == "1")
     (line,) = (line for words, line in one["paste"] if words.startswith("to clamp it"))
     assert tomllib.loads(line) == {"clamp": [tomllib.loads(f"on = {one['on']}")["on"]]}
 
@@ -146,7 +146,7 @@ def test_groups_that_share_facets_are_told_of_each(tmp_path):
     assert len(arrays["points"]) == 3 * len(arrays["face"]) and arrays["face"].min() == 1
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [1, seldom(2)])
 def test_faces_without_a_drawing_have_a_kind(order, tmp_path):
     """Circles, cylinders and spheres are found by their nodes; what is none of these is curved."""
     ring = mesh_of(order, shape="annulus", **RING)
@@ -230,6 +230,7 @@ def test_names_in_a_page_are_data(tmp_path):
     assert "<img" not in text and text.count("<script") == 3
 
 
+@pytest.mark.slow
 def test_without_matplotlib_there_is_the_page(tmp_path):
     """It says what to install for pictures."""
     hidden = "import sys; sys.modules['matplotlib'] = None; from ddmpi.cli.main import main; main()"

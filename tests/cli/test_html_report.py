@@ -381,6 +381,7 @@ def test_what_is_no_run_is_refused(tmp_path, capsys, files, words):
     assert {path.name for path in tmp_path.iterdir()} == files.keys()
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_path_and_is_light(run):
     """`ddmpi report DIR` needs neither PETSc nor matplotlib."""
     code = """

@@ -93,6 +93,7 @@ def test_tables_of_paths_are_not_written_through_links(folder, there):
     assert not there or target.read_text() == "distance,x,y,theirs"
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize(
     "command", [["report"], ["view"], ["figures"], ["path", "--from", "0,0", "--to", "1,1"]]
 )
@@ -145,6 +146,7 @@ def test_a_file_that_leads_hdf5_round_in_circles_is_a_message(folder, monkeypatc
         hdf5.probe(folder / "result.h5")
 
 
+@pytest.mark.slow
 def test_files_are_read_where_a_machine_limits_processor_time(folder):
     """A limit below that for files, as of `ulimit -t`, which no process may raise."""
     code = "import resource, sys; resource.setrlimit(resource.RLIMIT_CPU, (8, 8)); from pathlib import Path; "

@@ -35,7 +35,7 @@ def pile(bodies: list[dict], on: tuple[str, str], **keys) -> dict:
 def bricks(apart: float = 0.0, number: int = 5, **keys) -> dict:
     """Bricks of which all but the first and the last are alike, the upper ones `apart` (m) from the others."""
     bodies = [
-        rectangle(f"brick{k}", [0.125 * k, 0.25 * k + apart * (k > 2)], [2.0, 0.25], [8, 1])
+        rectangle(f"brick{k}", [0.125 * k, 0.25 * k + apart * (k > 2)], [2.0, 0.25], [4, 1])
         | {"traction": [{"on": "left", "value": [1e3 * (k + 1), 0.0]}]}
         for k in range(number)
     ]
@@ -120,9 +120,7 @@ SCENES = {
 }
 
 
-@pytest.mark.parametrize(
-    "scene", by_name(SCENES, "seven bricks", "one joint is open", "quadrilaterals", "held")
-)
+@pytest.mark.parametrize("scene", by_name(SCENES, "one joint is open", "held"))
 def test_answers_are_those_of_separate_bodies(scene):
     """Bodies that share mesh, factors, sides and rows have the displacements, forces and counts of separate ones."""
     alike = certified(scene)
@@ -152,7 +150,8 @@ def test_alike_bodies_are_factored_once():
 @pytest.mark.mpi(ranks=2)
 def test_ranks_share_alike():
     """What a rank makes for its own bodies is what one rank makes for all."""
-    one, two = certified(bricks()), certified(bricks(), MPI.COMM_WORLD)
+    scene = bricks(number=4)
+    one, two = certified(scene), certified(scene, MPI.COMM_WORLD)
     assert one.summary["n_A"] == two.summary["n_A"]
     for name, contact in two.contacts.items():
         forces = one.contacts[name].forces

@@ -123,6 +123,7 @@ def large(x: np.ndarray) -> float:
     return float(np.abs(x).max(initial=0.0))
 
 
+@pytest.mark.every(7)
 @pytest.mark.parametrize(
     "order, kind", [(1, "explicit"), (2, "explicit"), (1, "direct"), (1, "iterative")]
 )
@@ -192,6 +193,7 @@ def other_supports(motions: np.ndarray) -> np.ndarray:
     return np.array(chosen[: motions.shape[2]])
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize(
     "faces, rest",
     [

@@ -26,6 +26,7 @@ def halves(joint: str) -> str:
 TIED = "*SURFACE, TYPE=NODE, NAME=LOW\nA_Z1\n*SURFACE, TYPE=NODE, NAME=UP\nB_Z0\n*TIE, NAME=T\nLOW, UP\n"
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "joint",
     [
@@ -214,6 +215,7 @@ COLUMNS = (
 TOP = range(13, 19)
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     "equations",
     [

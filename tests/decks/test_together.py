@@ -50,6 +50,7 @@ SETS = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("sets", SETS.values(), ids=SETS)
 def test_a_reference_node_of_several_faces_is_one_rigid_body(tmp_path, sets):
     """It has one force, half of which each of two equal clamps bears, and no turn; each node moves with it."""

@@ -156,6 +156,7 @@ def test_a_body_of_quadratic_tetrahedra_that_is_cut_by_a_bond_is_the_whole_one(c
     assert contact.interface.area.sum() == pytest.approx(1.0) and contact.interface.area.min() > 0.0
 
 
+@pytest.mark.slow
 def test_a_body_that_is_cut_into_four_is_the_whole_one():
     """Also where four bonds meet along an edge, whose ties say one thing twice; with fewer products than the rows at
     vertices took, 58 a body."""

@@ -68,7 +68,7 @@ def tube(inner, outer, divisions, order, cut):
     }
 
 
-@pytest.mark.parametrize("order, most", [(1, 0.04), (2, 0.01)])
+@pytest.mark.parametrize("order, most", [seldom(1, 0.04), (2, 0.01)])
 def test_a_fit_of_tubes_is_better_than_their_cut(order, most):
     """Lamé's pressure between plates, of meshes that do not match; at the same nodes tetrahedra are farther off."""
     held = [
@@ -162,6 +162,7 @@ def test_a_place_in_a_quadrilateral_is_found():
     assert bilinear(place, corners, normal) == pytest.approx(hats, abs=1e-12)
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("where", ["space", "plane", "axis"])
 @pytest.mark.parametrize(
     ("order", "integration"), [(1, "modes"), (1, "full"), (2, "full"), (2, "reduced")]
@@ -174,7 +175,7 @@ def test_a_brick_body_cut_by_a_bond_is_the_uncut_one(where, order, integration):
         for low, number in zip(np.cumsum([0, *parts[:-1]]).tolist(), parts, strict=True):
             at = BASE if d == 3 else [[0.5, 0.0], [1.8, 0.0]]
             ends = [[[*each[: d - 1], float(z)] for each in at] for z in (low, low + number)]
-            body = block(f"b{low}", low, [3] * (d - 1) + [3 * number], order, "bricks")
+            body = block(f"b{low}", low, [2] * (d - 1) + [2 * number], order, "bricks")
             body["mesh"] |= {"integration": integration}
             body["mesh"] |= {"corners": ends[0] + (ends[1] if d == 3 else ends[1][::-1])}
             body["mesh"] |= {"shape": "hexahedron" if d == 3 else "quadrilateral"}
@@ -196,5 +197,5 @@ def test_a_brick_body_cut_by_a_bond_is_the_uncut_one(where, order, integration):
             found |= zip(map(tuple, body.points.round(9)), body.displacement, strict=True)
         u.append(np.array([found[at] for at in sorted(found)]))
     assert u[1] == pytest.approx(u[0], abs=1e-9 * np.abs(u[0]).max())
-    rows = {"space": {1: 16, 2: 40}}.get(where, {1: 4, 2: 7})[order]
+    rows = {"space": {1: 9, 2: 21}}.get(where, {1: 3, 2: 5})[order]
     assert answer.contacts["b1-b0"].interface.m == rows

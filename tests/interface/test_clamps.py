@@ -204,6 +204,7 @@ def test_a_rigid_partner_that_moves_into_clamped_nodes_is_refused(U, said):
     refuse_contradiction(interface, [replace(movers[0], side=free), movers[1]], times)
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("angle", [0.0, 0.7, 2.0])
 @meshes
 def test_clamps_along_normals_that_push_bodies_into_each_other(below, angle):

@@ -186,6 +186,7 @@ def test_normals_of_a_strip_lean_no_more_than_its_facets(sides, aspect, shear):
     assert np.linalg.norm(wall.fans.reshape(-1, 3) - radial, axis=1).max() < 0.501 * arc
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("rows", [1, 2, 8])
 @pytest.mark.parametrize("aspect", [0.05, 1.0, 5.0, 30.0])
 def test_normals_of_a_cylinder_do_not_depend_on_its_axis_and_slender_facets(rows, aspect):

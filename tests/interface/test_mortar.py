@@ -120,6 +120,7 @@ def test_matching_sides_stay_paired(order):
 # Gaps
 
 
+@pytest.mark.every(5)
 @orders
 @pytest.mark.parametrize("gap", [0.0, 1e-4, -1e-4])
 @pytest.mark.parametrize("divisions", [(12, 15), (15, 12), (24, 13)])
@@ -293,6 +294,7 @@ def forces_on_lines(state: ContactState) -> tuple[np.ndarray, float]:
     )
 
 
+@pytest.mark.every(5)
 @orders
 @pytest.mark.parametrize("slave", [0, 1])
 @pytest.mark.parametrize("seed", range(12))

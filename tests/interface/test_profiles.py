@@ -50,6 +50,7 @@ def check(contact: Interface, expected: np.ndarray, tolerance: float = 1e-9) -> 
     assert contact.gap == pytest.approx(-contact.geometry.arc)
 
 
+@pytest.mark.every(5)
 @orders
 @slaves
 @pytest.mark.parametrize(
@@ -98,6 +99,7 @@ def test_what_does_not_face_the_partner_counts_as_well(slave):
     check(contact, places)
 
 
+@pytest.mark.every(5)
 @orders
 @pytest.mark.parametrize("slave", ["shaft", "hub"])
 @pytest.mark.parametrize(

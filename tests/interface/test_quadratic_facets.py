@@ -45,6 +45,7 @@ def test_a_clamped_edge_keeps_its_rows(place):
     assert contact.area.min() > 0.0
 
 
+@pytest.mark.slow
 def test_the_force_of_two_boxes():
     """The meshes of N = 8 give the force of meshes 3.5 times finer to a tenth of a percent."""
     totals = ddmpi.solve(two_boxes(4, 3, 2)).contacts["upper-lower"].totals

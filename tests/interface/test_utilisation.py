@@ -42,7 +42,7 @@ def drawn(rng: np.random.Generator, d: int) -> tuple[np.ndarray, np.ndarray]:
 def test_the_factor_is_that_of_a_linear_program(d):
     """In the plane of the program itself; in space between those of polygons in and around the discs."""
     rng = np.random.default_rng(61)
-    for _ in range({2: 20, 3: 8}[d]):
+    for _ in range({2: 20, 3: 3}[d]):
         motions, shares = drawn(rng, d)
         angles = 2.0 * np.pi * np.arange(SIDES) / SIDES
         corners = np.column_stack([np.cos(angles), np.sin(angles)]) if d == 3 else [[1.0], [-1.0]]

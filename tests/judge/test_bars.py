@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 from bricks import grid
-from scenes import COULOMB, ROOT
+from scenes import COULOMB, ROOT, seldom
 
 import ddmpi
 from ddmpi.body.loads import nodal_loads
@@ -122,7 +122,7 @@ RESULTS = [
 ]
 
 
-@pytest.mark.parametrize("loose", [False, True], ids=["clamped", "loose"])
+@pytest.mark.parametrize("loose", [seldom(False), True], ids=["clamped", "loose"])
 def test_the_adjoint_is_the_derivative_by_a_traction(loose):
     """The work of a change of the traction on the adjoint field is the change of the result, by two runs."""
     step = 1e-5
@@ -329,7 +329,7 @@ def test_halved_straight_sides_leave_out_as_much_as_before(order, halvings):
     assert inner == pytest.approx(-sharp, rel=0.02)
 
 
-@pytest.mark.parametrize(("order", "halvings"), [(1, 0), (2, 0), (1, 1), (2, 1)])
+@pytest.mark.parametrize(("order", "halvings"), [(1, 0), (2, 0), seldom(1, 1), seldom(2, 1)])
 def test_a_pressure_on_the_straight_sides_of_a_file_is_told(order, halvings):
     """That in the bore of the lined wheel, 12 N/mm times sin φ, presses by 6 π N on a round bore, on any mesh of its
     polygon by 1.6 % less."""

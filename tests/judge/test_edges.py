@@ -68,6 +68,7 @@ SINGULAR = {
 }
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(("about", "what"), SINGULAR.values(), ids=SINGULAR)
 def test_stresses_that_grow_without_limit_are_told(about, what):
     """The largest pressure and the largest von Mises stress, with the place, one line each."""
@@ -279,6 +280,7 @@ def unbounded_of(solved) -> set[str]:
     return unbounded(solved.assembly, edges_of(solved.assembly, solved.solution.states))
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("law", [{"kind": "bonded"}, {"friction": COULOMB}], ids=["bond", "rubs"])
 @pytest.mark.parametrize("around", [False, True])
 @pytest.mark.parametrize(("young", "grows"), [((STEEL, STEEL), False), ((2e9, STEEL), True)])

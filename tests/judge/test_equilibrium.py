@@ -74,6 +74,7 @@ def check(scene, mechanism) -> None:
     assert work > 0.0
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("beyond", [1e-3, 1e-5, 1e-7])
 @pytest.mark.parametrize("how", [{}, {"length": 1e3, "force": 1e-4}], ids=["m", "mm"])
 @pytest.mark.parametrize(
@@ -327,6 +328,7 @@ def test_without_loads_nothing_is_looked_for():
     assert find(interfaces, G, e + 1e-5, bodies) is not None
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     "how",
     [{"force": 1e12, "length": 1e-6}, {"force": 1e-12, "length": 1e6}, {"shift": (1e4, -1e4)}],
@@ -348,6 +350,7 @@ def assert_tips(scene, at, along: str) -> None:
     )
 
 
+@pytest.mark.every(4)
 @pytest.mark.parametrize("seed", range(15))
 def test_random_stacks(seed):
     """Ends of straight contacts serve as well as all nodes: curved ones, of which all are kept, give the same."""

@@ -336,6 +336,7 @@ def test_boxes_that_overlap_in_space(origin, size, depth, order):
     assert (overlap.depth > 0.0) == (depth > 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("flat", [seldom(1.0), seldom(1e-2), 1e-4])
 def test_the_nearest_of_flat_facets_is_found(flat):
     """Also of facets ten thousand times as long as high."""

@@ -64,6 +64,7 @@ def degrees_of(answer) -> float:
     return float(np.degrees((x[:, 0] * u[:, 1] - x[:, 1] * u[:, 0]).sum() / (x**2).sum()))
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("around", "order"), [(48, 1), (64, 1), (48, 2)], ids=["48 sides", "64 sides", "order 2"]
 )
@@ -82,6 +83,7 @@ def test_a_roll_to_the_nodes_of_a_stiff_ring_is_that_of_a_polygon(around, order)
     assert most == pytest.approx(180.0 / (around * order), rel=0.06)
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize(
     ("scene", "told"),
     [
@@ -159,6 +161,7 @@ def test_a_wheel_above_a_node_of_a_block_does_not_roll():
     assert rolls(scene) == []
 
 
+@pytest.mark.slow
 def test_a_cylinder_in_space_rolls_to_lines_of_nodes():
     """Many nodes bear, but along its axis: across it they are within a facet."""
     lean = np.radians(11.0)

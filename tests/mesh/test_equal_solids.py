@@ -5,6 +5,7 @@ from pathlib import Path
 import eighteen_parts
 import numpy as np
 import pytest
+from scenes import seldom
 from scipy.spatial.transform import Rotation
 
 from ddmpi.mesh.alike import list_drawn
@@ -32,7 +33,7 @@ TURN = Rotation.from_rotvec(0.7 * np.array([1.0, 1.0, 0.0]) / np.sqrt(2.0))
 """About an axis through the origin."""
 
 
-@pytest.mark.parametrize("suffix", [".step", ".brep"])
+@pytest.mark.parametrize("suffix", [seldom(".step"), ".brep"])
 def test_equal_solids_are_copies_and_mirror_images_are_not(tmp_path, suffix):
     """Brackets by their one motion; bolts, balls and boxes, which several motions lead to, by one that fits."""
     ends = [(40.0, 0.0, 0.0), (50.0, 0.0, 0.0), (60.0, 0.0, 0.0), (70.0, 0.0, 0.0)]
@@ -102,6 +103,7 @@ def test_a_shape_of_equal_numbers_is_no_copy(tmp_path):
     assert [bool(each.copy) for each in drawn] == [False, False, True]
 
 
+@pytest.mark.slow
 def test_copies_of_an_assembly(tmp_path):
     """Of 18 parts nine are copies: bolts, nuts and screws, a bracket that is turned, and a nut on the other end of a rod."""
     eighteen_parts.draw(tmp_path / "all.step")

@@ -118,6 +118,7 @@ def turned(joint: Dense, turns: np.ndarray) -> np.ndarray:
     return sparse.block_diag([sparse.identity(m), *blocks]).toarray()
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("path", [None, Softening])
 @pytest.mark.parametrize("seed", range(5))
 def test_friction_in_space_finds_its_direction(seed, path, monkeypatch):

@@ -28,7 +28,7 @@ def ends(monkeypatch) -> dict[str, list[tuple[float, float]]]:
     return found
 
 
-def test_stresses_have_one_scale(tmp_path, ends):
+def test_stresses_have_one_scale(tmp_path, ends, monkeypatch):
     """In the picture of each load step, cut open or not, in the view and in the animation: that of the largest load."""
     results = stacked(tmp_path, times=(1.0, 2.0))
     for time in (1.0, 2.0):
@@ -37,6 +37,8 @@ def test_stresses_have_one_scale(tmp_path, ends):
             step.summary["scene"]["output"]["cut"] = cut
             draw_bodies(step, tmp_path)
     results.summary["scene"]["output"] |= {"animation": True, "cut": {}}
+    monkeypatch.setitem(ANIMATION, "frames", 2)
+    monkeypatch.setitem(ANIMATION, "pixels", 200)
     animate(results, tmp_path, "")
     end = stress_end(results, tmp_path) / 1e6
     assert [end for _, end in ends["von Mises stress"]] == pytest.approx([end] * 5)
@@ -47,7 +49,7 @@ def test_stresses_have_one_scale(tmp_path, ends):
     plt.close("all")
 
 
-def test_pressures_have_one_scale(tmp_path, ends):
+def test_pressures_have_one_scale(tmp_path, ends, monkeypatch):
     """On bodies, in maps, in the view and in the animation of all load steps: by areas, as for one contact."""
     results = stacked(tmp_path, times=(1.0, 2.0))
     for time in (1.0, 2.0):
@@ -55,6 +57,8 @@ def test_pressures_have_one_scale(tmp_path, ends):
         draw_contacts(step)
         draw_maps(step, "upper-lower")
     results.summary["scene"]["output"]["animation"] = "pressure"
+    monkeypatch.setitem(ANIMATION, "frames", 2)
+    monkeypatch.setitem(ANIMATION, "pixels", 200)
     animate(results, tmp_path, "")
     least, most = (end / 1e6 for end in pressure_ends(results))
     assert ends["pressure"] == [pytest.approx((least, most))] * 5 and least == 0.0

@@ -111,6 +111,7 @@ def check(qp: QP, result: QPResult, tolerance: float) -> None:
     assert true_residual <= 1.01 * tolerance + rounding
 
 
+@pytest.mark.every(5)
 @pytest.mark.parametrize("n", [1, 2, 7, 40])
 @pytest.mark.parametrize("kind", KINDS)
 def test_random_programs(kind, n):

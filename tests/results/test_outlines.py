@@ -208,6 +208,7 @@ SUMMED = {
 }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("scene", SUMMED.values(), ids=SUMMED)
 def test_forces_at_the_points_add_up_to_those_of_the_summary(scene, tmp_path):
     """To rounding, where the integral of the interpolated pressure is about the normal force."""

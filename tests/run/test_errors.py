@@ -226,7 +226,7 @@ def test_a_value_is_told_to_the_digits_of_its_bar(value, bar, words):
 
 def test_log_report_and_sweep_tell_errors(tmp_path):
     """`run --errors` is output.errors = "main"."""
-    scene = write_scene(pinched_blocks(6), tmp_path / "scene.toml")
+    scene = write_scene(pinched_blocks(4), tmp_path / "scene.toml")
     run = run_here(scene, tmp_path / "out", "--errors", "--no-figures")
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     told = f"{FORCE}: {with_bar(summary, FORCE)}"
@@ -235,7 +235,8 @@ def test_log_report_and_sweep_tell_errors(tmp_path):
     assert call("report", str(tmp_path / "out")).code == 0
     page = (tmp_path / "out" / "report.html").read_text()
     assert "Errors of results" in page and with_bar(summary, FORCE) in page
-    asked = write_scene(asking(FORCE, PEAK), tmp_path / "asked.toml")
+    both = pinched_blocks(4) | {"output": {"errors": [FORCE, PEAK]}}
+    asked = write_scene(both, tmp_path / "asked.toml")
     vary = ["--vary", "method.tolerance=1e-7,1e-8"]
     assert call("sweep", str(asked), "--output", str(tmp_path / "sweep"), *vary).code == 0
     with open(tmp_path / "sweep" / "sweep.csv", newline="", encoding="utf-8") as table:
@@ -245,7 +246,8 @@ def test_log_report_and_sweep_tell_errors(tmp_path):
 
 
 def errors_are_those_of_one_rank(world: MPI.Comm) -> None:
-    scene = asking(FORCE, "bodies.lower.energy", "bodies.upper.displacement_max", PEAK)
+    results = [FORCE, "bodies.lower.energy", "bodies.upper.displacement_max", PEAK]
+    scene = pinched_blocks(2) | {"output": {"errors": results}}
     answer = ddmpi.solve(scene, world)
     alone = world.bcast(
         ddmpi.solve(scene, MPI.COMM_SELF).summary["errors"] if world.rank == 0 else None

@@ -60,6 +60,7 @@ SLIDE, TURN = (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", [seldom([0.0, 0.0, 1.0]), [1.0, -2.0, 0.5]])
 def test_a_motion_of_both_bodies_changes_nothing(axis):
     """Turned about any axis, forces, moments, reactions and stresses turn along, and nothing slips."""
@@ -163,6 +164,7 @@ def flap(moment, axis) -> dict:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("moment, axis", [(2.0, [0.0, 1.0, 0.0]), seldom([0.0, 2.0, 0.0], None)])
 def test_a_hinge_in_space_balances_its_moment(moment, axis):
     """About its axis, or about all axes through the pivot."""

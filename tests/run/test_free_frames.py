@@ -100,7 +100,7 @@ def lever(moment: float = -3.0, friction: dict = COULOMB) -> dict:
                     "history": "press",
                 },
             ),
-            rectangle("block", (-1, -1.5), (5, 1), (61, 6), young=1000.0, clamp=["bottom"]),
+            rectangle("block", (-1, -1.5), (5, 1), (61, 3), young=1000.0, clamp=["bottom"]),
         ],
         "contact": [{"bodies": ["ring", "block"], "on": ["outer", "top"], "friction": friction}],
     }
@@ -173,7 +173,7 @@ def test_a_loose_disc_rolls_in_a_bore_that_turns(order):
     assert not [words for words in answer.summary["warnings"] if "not stable" in words]
 
 
-@pytest.mark.parametrize("friction", [{"law": "none"}, COULOMB])
+@pytest.mark.parametrize("friction", [seldom({"law": "none"}), COULOMB])
 def test_a_hinge_balances_its_moment(friction):
     """The contact's moment about the hinge is the given one, also with friction; the arm turns until then."""
     answer = certified(lever(friction=friction))
@@ -234,8 +234,8 @@ def test_little_friction_does_not_spin_a_disc_that_is_carried_along(caplog):
 def test_a_turn_on_a_rigid_plane_is_put_back():
     """A disc without friction that is pushed along a floor goes along and does not turn: the floor's normals resist its
     turn about the ends of the contact, its own do not. It turned five times round."""
-    disc = ring("disc", (0.0, 1.0), (0.25, 1.0), (60, 6), volume_force=[0.0, -WEIGHT / np.pi])
-    pusher = ring("pusher", (-2.0, 1.0), (0.25, 1.0), (48, 6), clamp=["inner"])
+    disc = ring("disc", (0.0, 1.0), (0.25, 1.0), (60, 2), volume_force=[0.0, -WEIGHT / np.pi])
+    pusher = ring("pusher", (-2.0, 1.0), (0.25, 1.0), (48, 2), clamp=["inner"])
     pusher["motion"] = [{"shift": [0.5, 0.0], "history": "push"}]
     scene = {
         "time": {"points": [1.0, 2.0], "steps": 2, "motions": "far"},
@@ -409,7 +409,7 @@ def hung(angles: list[float]) -> dict:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("angle", [85.0, 90.0])
+@pytest.mark.parametrize("angle", [seldom(85.0), 90.0])
 def test_a_part_turns_until_its_mass_centre_hangs_below_its_axis(angle):
     """An eccentric disc hung over a shaft, without friction: by the whole angle, within what facets of 9 degrees take. Drawn
     level, nothing resists its first turn, so that this was held, and no equilibrium told."""
@@ -447,7 +447,7 @@ def test_a_group_is_on_its_way_until_it_has_gone_round(turned, far):
     assert given_up.index(True) == (7 if far else 6)
 
 
-@pytest.mark.parametrize(("most", "short"), [(2, "0.035"), (8, "0.0027")])
+@pytest.mark.parametrize(("most", "short"), [(2, "0.035"), seldom(8, "0.0027")])
 def test_turns_that_the_most_steps_do_not_resolve_are_told(most, short, monkeypatch):
     """Not that forces miss the tolerance: these agree to rounding."""
     monkeypatch.setattr(steps, "MOST", most)
@@ -590,7 +590,7 @@ def test_an_unstable_equilibrium_is_told_of(x, y, outer):
     """A disc on top of a ring would roll off; at the bottom of a bore it stays."""
     area = np.pi * (1.0 - 0.25**2)
     radii, clamp = ((1.5, 2.2), "outer") if outer else ((0.5, 1.5), "inner")
-    body = ring("ring", (0.0, 0.0), radii, (175, 8), clamp=[clamp])
+    body = ring("ring", (0.0, 0.0), radii, (175, 4), clamp=[clamp])
     made = {
         "time": {"points": [1.0], "steps": 2, "motions": "far"},
         "history": {"load": history(0.0, 1.0)},
@@ -599,7 +599,7 @@ def test_an_unstable_equilibrium_is_told_of(x, y, outer):
                 "disc",
                 (x, y),
                 (0.25, 1.0),
-                (120, 10),
+                (120, 5),
                 volume_force={"value": [0.0, -WEIGHT / area], "history": "load"},
             ),
             body,

@@ -85,6 +85,7 @@ def test_refined_by_number_as_by_a_target(tmp_path):
     assert distance < 1e-3 * np.abs(other["displacement"]).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [seldom(1), 2])
 def test_a_block_slides_to_the_left_as_to_the_right(order):
     """A mirrored scene of bodies that move far, its meshes mirror images, has the mirrored forces at each step."""

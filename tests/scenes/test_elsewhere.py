@@ -87,7 +87,7 @@ RANDOM = {
         for seed in (3, 10)
     },
 }
-QUICK = ("coulomb", "mortar", "discs 1", "plane 88")
+QUICK = ("coulomb", "mortar", "plane 88")
 
 
 @functools.cache

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scenes import certified, rectangle
+from scenes import certified, rectangle, seldom
 from solid_scenes import box
 
 import ddmpi
@@ -30,7 +30,11 @@ def up(d: int, value: float) -> list[float]:
 
 @pytest.mark.parametrize(
     ("d", "order", "n", "swapped"),
-    [(2, 1, 4, False), (2, 2, 3, True), (3, 1, 2, False), (3, 2, 3, False), (3, 1, 3, True)],
+    [
+        (2, 2, 3, True),
+        (3, 1, 2, False),
+        *(seldom(*one) for one in ((2, 1, 4, False), (3, 2, 3, False), (3, 1, 3, True))),
+    ],
 )
 def test_pulled_blocks_stay_together_and_slide(d, order, n, swapped):
     """The tension is the pull at every node, on meshes that match and others; the blocks get thinner by themselves."""

@@ -69,7 +69,8 @@ def symmetric(around: int, order: int) -> dict:
 
 
 @pytest.mark.parametrize(
-    ("around", "order"), [((40, 40), 2), ((40, 46), 1), seldom((40, 40), 1), seldom((40, 46), 2)]
+    ("around", "order"),
+    [seldom((40, 40), 2), ((40, 46), 1), seldom((40, 40), 1), seldom((40, 46), 2)],
 )
 def test_a_shaft_in_a_bush_turns_no_more_than_its_half(around, order):
     """Its displacement is that of the half with a plane of symmetry, in at most twice the steps, and its turn is held."""
@@ -108,7 +109,7 @@ def test_a_disc_drawn_anywhere_in_a_bore_is_pressed_to_where_its_load_points(cle
     assert held["moment"] <= 1e-9
 
 
-@pytest.mark.parametrize("order", [1, 2])
+@pytest.mark.parametrize("order", [seldom(1), 2])
 def test_a_load_aslant_leaves_no_moment(order):
     """It goes through the shaft's axis, about which the bush's forces have no moment, whatever the gap as drawn."""
     answer = certified(shaft((40, 46), [-2.68, -2.68], order))
@@ -122,7 +123,8 @@ def test_a_load_aslant_leaves_no_moment(order):
 @pytest.mark.clarabel
 @pytest.mark.parametrize(
     ("clearance", "load", "moment"),
-    [(0.05, [0.0, 4.0], 0.0), (0.05, [0.0, 4.0], 20.0), (1.0, [-2.7, 2.7], 0.0), (1.0, [-2.7, 2.7], 20.0)],
+    [(0.05, [0.0, 4.0], 0.0), seldom(0.05, [0.0, 4.0], 20.0), seldom(1.0, [-2.7, 2.7], 0.0),
+     (1.0, [-2.7, 2.7], 20.0)],
 )  # fmt: skip
 def test_a_gap_that_is_crossed_bears_no_moment(clearance, load, moment):
     """A shaft pulled across its clearance rests without a moment, and with one below force times clearance it turns."""
@@ -462,7 +464,7 @@ def test_a_shaft_that_its_bush_carries_far_does_not_turn():
     ("around", "order"),
     [
         ((40, 46), 1),
-        ((36, 40), 2),
+        seldom((36, 40), 2),
         *(seldom(around, order) for around in ((40, 40), (60, 60)) for order in (1, 2)),
         seldom((40, 46), 2),
         seldom((36, 40), 1),

@@ -719,6 +719,7 @@ def test_legs_that_have_an_answer_keep_their_warnings():
     )
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize("partner", ["body", "rigid"])
 @pytest.mark.parametrize("d", [2, 3])
 def test_slip_without_friction(d, partner):

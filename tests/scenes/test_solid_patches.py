@@ -37,6 +37,7 @@ def check(scene, comm=MPI.COMM_SELF, still=float("inf"), amount=0.3):
     assert errors.traction <= EXACT
 
 
+@pytest.mark.every(5)
 @both_orders
 @kinds_and_slaves
 @pytest.mark.parametrize(
@@ -83,6 +84,7 @@ TURNED = np.linalg.qr(np.array([[2.0, 1.0, 0.3], [-1.0, 2.0, 0.5], [0.1, -0.7, 2
 """An orthogonal matrix with no axis along another one."""
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("kind", "slave", "order"),
     [
@@ -128,6 +130,7 @@ def test_planes_of_symmetry(order, kind, slave, planes, Q):
     assert answer.summary["m"] == smooth.summary["m"]
 
 
+@pytest.mark.every(3)
 @both_orders
 @both_kinds
 @pytest.mark.parametrize("held", ["x", "xy"])

@@ -181,6 +181,7 @@ def lever(d: int, law: dict | None = None, lift: float = 0.0, order: int = 1, **
     }
 
 
+@pytest.mark.every(3)
 @pytest.mark.parametrize(
     ("d", "law", "lift", "order"),
     [

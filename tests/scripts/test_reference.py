@@ -79,6 +79,7 @@ def test_schema_refuses(key, value, where):
     assert mistakes(scene | {key: value}) == [where]
 
 
+@pytest.mark.slow
 def test_the_command_prints_the_schema():
     """``ddmpi schema`` prints the schema, once, on any number of ranks."""
     done = run_python(["-m", "ddmpi", "schema"], ranks=2)
