@@ -78,9 +78,13 @@ class Group:
         self._changes = [] if self.far else [*self._changes, (alpha * self.at, step)]
         return step
 
+    def begin(self) -> None:
+        """Forget what the passes before left: other motions are held from now on."""
+        self._changes, self._least, self._idle = [], np.inf, 0
+
     def drive(self, turn: np.ndarray) -> np.ndarray:
         """How its frames move along a held `turn` (rigid.size,) that loads drive."""
-        self._changes, self._least, self._idle = [], np.inf, 0
+        self.begin()
         return self._limited(turn * self.at)
 
     def _limited(self, step: np.ndarray) -> np.ndarray:

@@ -91,6 +91,7 @@ class FarMarch(March):
         self._whole = frozenset[str]()  # contacts of which no rows are left out in this step
         self._still = first.freed  # where held motions stay
         self._slight = RESISTED  # friction with coefficients up to this resists no motions
+        self._levers = True  # whether moments of loads change as frames move
         super().__init__(assembly, iteration, log)
         _tell_slight(assembly)
         self._rubs = assembly.space.any(np.array([len(self._frictional)]))
@@ -159,20 +160,18 @@ class FarMarch(March):
         if (fall := way_down(self.assembly, passes.groups)).any():
             start = self._place(time, self._gone(fall), rows)
         while True:
-            stopped, far_off, sizes = self._pass(time, passes)
+            stopped, far_off, sizes = self._pass(time, passes, rows)
             if stopped != "converged":
                 return start, stopped
             settled, near = far_off <= SETTLED * norm(sizes), far_off <= NEAR * sizes
             driven = self._driven(passes.groups, settled)
-            if settled.all() and not driven.any() and self._slight == RESISTED:
+            if self._complete and settled.all() and not driven.any():
                 return start, stopped
             step, useless = passes.next(self.outer.motions, driven, far_off, settled, near)
             if useless and self._slight == RESISTED:
                 return start, "unsettled"
             freed = self._let_down(self._gone(step), passes, useless or bool(near.all()))
-            for group in passes.groups:
-                if driven[group.at].any():
-                    self._still = {**self._still, **{name: freed[name] for name in group.free}}
+            self._note_driven(freed, driven, passes.groups)
             rows = {
                 interface.name: forces_by_node(interface, self.outer.forces[part])
                 for interface, part in self.assembly.space.with_slices()
@@ -181,11 +180,19 @@ class FarMarch(March):
             self._count()
             start = self._place(time, freed, rows, again=True)
 
-    def _pass(self, time: float, passes: Passes) -> tuple[str, np.ndarray, np.ndarray]:
-        """Find forces where the bodies are: the end of Newton's method, and how far its motions move the contacts of each
-        group (groups,) and its forces do (m). Collective."""
-        with self.iteration.clock.phase("outer"):
-            stopped = self.outer.run(self.iteration.method.tolerance)
+    def _pass(self, time: float, passes: Passes, rows: Rows) -> tuple[str, np.ndarray, np.ndarray]:
+        """Find forces where the bodies are, which began with those of `rows`: the end of Newton's method, and how far its
+        motions move the contacts of each group (groups,) and its forces do (m). Collective."""
+        clock, tolerance = self.iteration.clock, self.iteration.method.tolerance
+        with clock.phase("outer"):
+            stopped = self.outer.run(tolerance)
+        if stopped != "converged" and passes.number == 1 and self.assembly.joint.K.nnz:
+            # what slides by its own length takes lever arms of loads along, but also those of contact forces
+            passes.went(self.outer, self.iteration.statuses)
+            self._count()
+            self._place(time, self.assembly.placement.freed, rows, levers=False)
+            with clock.phase("outer"):
+                stopped = self.outer.run(tolerance)
         space, joint, groups = self.assembly.space, self.assembly.joint, passes.groups
         moved = joint.rigid.spread(self.outer.motions)
         given = joint.product(self.outer.forces, "newton")
@@ -201,12 +208,25 @@ class FarMarch(March):
         )
         return stopped, far_off, sizes
 
+    @property
+    def _complete(self) -> bool:
+        """Whether passes have all that resists bodies and drives them."""
+        return self._slight == RESISTED and self._levers
+
+    def _note_driven(self, freed: Freed, driven: np.ndarray, groups: Sequence[Group]) -> None:
+        """Hold motions from now on where loads have driven them."""
+        for group in groups:
+            if driven[group.at].any():
+                self._still = {**self._still, **{name: freed[name] for name in group.free}}
+
     def _let_down(self, freed: Freed, passes: Passes, at_places: bool) -> Freed:
         """Where free frames go in place of `freed`. Far from its place friction spins a body: let it down with its turn
         held, until all are `at_places`, and then let go."""
         if self._slight > RESISTED:
             if at_places:
                 self._still, self._slight = self._now.memory.freed, RESISTED
+                for group in passes.groups:
+                    group.begin()
         elif passes.number == 1 and self._rubs and any(group.far for group in passes.groups):
             freed = self.assembly.placement.freed
             self._still, self._slight = freed, np.inf
@@ -234,9 +254,11 @@ class FarMarch(March):
         if self.assembly.free:
             self.log.steps[-1]["passes"] = self._number_of_passes
 
-    def _place(self, time: float, freed: Freed, rows: Rows, again: bool = False) -> np.ndarray:
+    def _place(
+        self, time: float, freed: Freed, rows: Rows, again: bool = False, levers: bool = True
+    ) -> np.ndarray:
         """Have the bodies meet where their frames are at `time`, and begin with the forces of `rows`; where slip begins
-        (size,) (m)."""
+        (size,) (m). Without `levers` moments of loads do not change as frames move."""
         clock, memory, scene = self.iteration.clock, self._now.memory, self.assembly.scene
         then, frames = memory.frames(scene), frames_of(scene, time, freed)
         reach = _reaches(self.assembly, memory, self._whole, frames)
@@ -254,6 +276,7 @@ class FarMarch(March):
             sliding[part][: interface.m] = 0.0
         joint = assembly.joint
         self._d = joint.d = joint.d - sliding
+        self._levers, joint.K = levers, joint.K if levers else 0.0 * joint.K
         self.iteration = Iteration(assembly, self.iteration.method, no_report, clock, self._slight)
         self._hold(freed)
         outer = self.iteration.outer

@@ -684,6 +684,43 @@ def test_a_body_falls_until_it_touches():
     )
 
 
+@pytest.mark.parametrize("x, y", [(0.3, 0.1), seldom(-0.3, 0.1)])
+def test_a_disc_that_falls_onto_the_side_of_a_bore_rolls_down(x, y):
+    """By 17 degrees of its own turn: passes in which its turn was held did not count as those in which it rolls."""
+    made = rolling(coarse=2)
+    made["body"][0]["mesh"]["center"] = [x, y]
+    made["body"][1].pop("motion"), made.pop("history")
+    answer = certified(made | {"time": {"points": [1.0], "steps": 1, "motions": "far"}})
+    *shift, turn = gone(answer, "disc")[-1]
+    assert Frame.of(shift, turn).at(np.array([[x, y]])) == pytest.approx(
+        np.array([[0.0, -0.5]]), abs=0.06
+    )
+
+
+def test_a_block_slides_by_its_length_to_a_stop():
+    """Without friction, under its weight and a force: the lever arm of its weight moves on by its length, but so do those
+    of contact forces. It ended as no equilibrium from 1 length on."""
+    push = {"on": "left", "force": [0.5, 0.0], "history": "push"}
+    block = rectangle("block", (0, 0), (2, 0.5), (8, 2), young=1000.0)
+    block |= {"volume_force": [0.0, -1.0], "traction": [push]}
+    stop = rectangle("stop", (4.0, 0), (0.5, 0.5), (2, 2), young=1000.0, clamp=["right"])
+    scene = {
+        "time": {"points": [1.0], "steps": 1, "motions": "far"},
+        "history": {"push": history(0.0, 1.0)},
+        "body": [block, stop],
+        "rigid": [FLOOR],
+        "contact": [
+            {"bodies": ["block", "floor"], "on": ["bottom"]},
+            {"bodies": ["block", "stop"], "on": ["right", "left"]},
+        ],
+    }
+    answer = certified(scene)
+    contacts = answer.summary["steps"][-1]["contacts"]
+    assert gone(answer, "block")[-1] == pytest.approx([2.0, 0.0, 0.0], abs=1e-2)
+    assert contacts["block-stop"]["force"] == pytest.approx([-0.5, 0.0], abs=1e-4)
+    assert contacts["block-floor"]["force"] == pytest.approx([0.0, 1.0], abs=1e-4)
+
+
 @pytest.mark.slow
 def test_what_nothing_stops_is_an_error_in_words():
     """A disc that falls past everything has no equilibrium."""

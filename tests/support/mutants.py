@@ -5222,6 +5222,20 @@ MUTANTS = [
             f"{FAR}::test_energies_balance_whatever_rows_enter_and_leave",
         ),
         (
+            "passes before bodies are let go count",
+            "run/places",
+            "group.begin()",
+            "pass",
+            f"{FREE}::test_a_disc_that_falls_onto_the_side_of_a_bore_rolls_down",
+        ),
+        (
+            "lever arms of loads alone move on",
+            "run/places",
+            "joint.K if levers else 0.0 * joint.K",
+            "joint.K",
+            f"{FREE}::test_a_block_slides_by_its_length_to_a_stop",
+        ),
+        (
             "slight friction resists turns",
             "run/held",
             "law.slope(none) > slight",
