@@ -78,6 +78,15 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             seen[name] += 1
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> None:
+    """What a test solves, logs and refuses is compared with its approved record, if it passes and is to have one."""
+    from approved import compared, has_record
+
+    if has_record(pyfuncitem):
+        pyfuncitem.obj = compared(pyfuncitem)(pyfuncitem.obj)
+
+
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """What needs the optional clarabel is skipped without it."""
     if item.get_closest_marker("clarabel"):

@@ -1,5 +1,8 @@
 """Both sides of each bound, and whether every message is asked."""
 
+from collections import Counter
+from collections.abc import Iterable, Iterator
+
 import pytest
 from bounds import BOUNDS, REFUSED, SCENES, SOLVED
 from messages import unasked
@@ -11,13 +14,19 @@ from ddmpi.errors import InputError
 from ddmpi.scene.reader import read_scene
 
 
+def names(words: Iterable[str]) -> Iterator[str]:
+    """Of cases, which stay where others come before them; those with the same words are counted."""
+    times = Counter[str]()
+    for each in words:
+        times[each] += 1
+        yield each if times[each] == 1 else f"{each} {times[each]}"
+
+
 def settings(of: str | list[str]) -> list[str]:
     return [of] if isinstance(of, str) else of
 
 
-@pytest.mark.parametrize(
-    "bound", BOUNDS, ids=[f"{k}-{bound.words[:40]}" for k, bound in enumerate(BOUNDS)]
-)
+@pytest.mark.parametrize("bound", BOUNDS, ids=names(bound.words[:40] for bound in BOUNDS))
 def test_a_scene_is_refused_just_past_a_bound_and_not_before(bound):
     """What is past a limit is refused in words, what is on its other side is read."""
     text = SCENES[bound.scene]

@@ -727,8 +727,9 @@ def run_here(scene: Path | str, folder: Path, *arguments: str) -> Run:
     return call("run", str(scene), "--output", str(folder), *arguments, folder=folder)
 
 
-def call(*arguments: str, folder: Path | None = None) -> Run:
-    """``ddmpi ARGUMENTS`` on one rank in this process, without PETSc's options. Other errors than its own come through.
+def call(*arguments: str, folder: Path | None = None, comm=None) -> Run:
+    """``ddmpi ARGUMENTS`` in this process, on one rank or on those of `comm`, without PETSc's options. Other errors than
+    its own come through.
 
     `folder` is where the results will be.
     """
@@ -744,14 +745,15 @@ def call(*arguments: str, folder: Path | None = None) -> Run:
         dict(interrupt._handlers),
     )
     stdout, stderr = io.StringIO(), io.StringIO()
+    comm = comm or MPI.COMM_SELF
     with (
-        logs.told_by_first(0, False),
+        logs.told_by_first(comm.rank, False),
         contextlib.redirect_stdout(stdout),
         contextlib.redirect_stderr(stderr),
         mock.patch("gc.freeze"),
     ):  # what tests have left is no part of the start of a process
         try:
-            code = cli._main(MPI.COMM_SELF, own, petsc)
+            code = cli._main(comm, own, petsc)
         finally:
             logs.close()
             interrupt._handlers.clear()
