@@ -403,29 +403,40 @@ def lost_loads(
 ) -> list[str]:
     """Warnings of loads that act on clamps alone, and of groups that have a load or springs twice; `acting` are the
     loads by history, as of `loads_by_group`. Not collective."""
-    key, warnings = f"body.{body.name}", list[str]()
-    for group, f in (each for groups in acting.values() for each in groups):
-        if group == VOLUME:
-            continue
-        acts, left = (
-            np.abs(forces).max(axis=0) > ALIKE * np.abs(f).max()
-            for forces in (f, np.einsum("kij,kj->ki", free, f))
+    key = f"body.{body.name}"
+    warnings: list[str] = [
+        Doubt(
+            f"{key}: the load on {group!r} along {way} is lost, as clamps constrain the whole group in this direction",
+            "lost",
+            np.abs(f).sum(),
         )
-        warnings += [
-            Doubt(
-                f"{key}: the load on {group!r} along {axis} is lost, as clamps constrain the whole group in "
-                "this direction",
-                "lost",
-                np.abs(f).sum(),
-            )
-            for axis, lost in zip("xyz", acts & ~left, strict=False)
-            if lost
-        ]
+        for group, f in (each for groups in acting.values() for each in groups)
+        if group != VOLUME and f.any()
+        for way in _lost_along(f, free)
+    ]
     given = Counter(_given_twice(body, acting))
     return warnings + [
         Doubt(f"{key}: {group!r} has {1 + more} {what}; they add up", "twice", 1 + more)
         for (group, what, _), more in given.items()
     ]
+
+
+def _lost_along(f: np.ndarray, free: np.ndarray) -> Iterator[str]:
+    """The axes, or else the direction, along which nodal forces (nv, d) act on clamps alone."""
+    loaded = f.any(axis=1)
+    share, ways = np.linalg.eigh(free[loaded].mean(axis=0))
+    held = (
+        ways[:, share <= SAME] @ ways[:, share <= SAME].T
+    )  # the directions that are clamped at all loaded nodes
+    lost, least = f[loaded] @ held, ALIKE * np.linalg.norm(f, axis=1).max()
+    for axis, name in enumerate("xyz"[: len(held)]):
+        if held[axis, axis] > 1.0 - SAME:
+            if np.abs(lost[:, axis]).max() > least:
+                yield name
+            lost[:, axis] = 0.0
+    sizes = np.linalg.norm(lost, axis=1)
+    if sizes.max() > least:
+        yield in_words(lost[sizes.argmax()] / sizes.max(), 2)
 
 
 def _given_twice(

@@ -7,6 +7,7 @@ import scipy.sparse as sparse
 from mpi4py import MPI
 from scipy.sparse import csgraph
 
+from ddmpi.body.elasticity import apply
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import Answered, ContactState, ContactTotals
@@ -326,12 +327,15 @@ def _points_that_carry(
         np.unique(mesh.groups[clamp.on]) for clamp in body.spec.clamps if clamp.on in mesh.groups
     ]
     elasticity = body.member.elasticity
-    acting, clamped, pulled = elasticity.acting, ~elasticity.free, elasticity.forces(u)
-    loads, heat = np.abs(acting.f), acting.heat
+    acting, pulled = elasticity.acting, elasticity.forces(u)
+    held = np.eye(mesh.dimension) - elasticity.supports.free
+    carried, loads = (
+        np.linalg.norm(apply(held, forces), axis=1) for forces in (pulled - acting.heat, acting.f)
+    )
     pressed = sum(contacts[interface.name].normal_sum for interface in body.member.interfaces)
     least = LIMIT["point"] * max(elasticity.load, pressed)
     for on, nodes in points.items():
-        force = np.abs(pulled[nodes] - heat[nodes]) * clamped[nodes]
+        force = carried[nodes]
         alone = not any(np.isin(nodes, others).any() for others in supported)
         if (
             alone and (force > np.maximum(least, 2.0 * loads[nodes])).any()

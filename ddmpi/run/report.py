@@ -297,7 +297,7 @@ def _contacts(summary: dict, totals: Mapping[str, ContactTotals]) -> Iterator[st
     }
     unit, rounding = summary["units"]["length"], ALIKE * as_float(summary["displacement_max"])
     apart = [
-        f"{name} (at least {contact.opening * (contact.opening > rounding):.3g} {unit} apart)"
+        f"{name} (at least {contact.opening if contact.opening > rounding else 0.0:.3g} {unit} apart)"
         for name, contact in totals.items()
         if name not in closed
     ]

@@ -247,6 +247,27 @@ def test_loads_of_one_kind_along_each_other_are_told(given, words):
     assert [doubt for doubt in told if "add up" in doubt] == [f"body.body: {words}"] * bool(words)
 
 
+@pytest.mark.parametrize(("degrees", "way"), [(0.0, "y"), (90.0, "x"), (37.0, r"(0.6, -0.8)")])
+def test_loads_on_clamps_are_told_however_the_scene_lies(degrees, way):
+    """A block on two points with a pull aside, which one of them bears, and a face that is held in one direction; a
+    load across that is not lost."""
+    c, s = np.cos(np.deg2rad(degrees)), np.sin(np.deg2rad(degrees))
+    Q = np.array([[c, s], [-s, c]])
+    unit, (right, up) = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]), Q.tolist()
+    mesh = {"shape": "quadrilateral", "corners": (unit @ Q).tolist(), "divisions": [2, 2]}
+    clamp = [{"on": on, "along": up, "value": 0.0} for on in ("bottom & left", "top")]
+    clamp.append({"on": "bottom & left", "along": right, "value": 0.0})
+    load = {"on": "top", "value": (np.array([3e5, -1e6]) @ Q).tolist()}
+    block = {"name": "block", "mesh": mesh, "material": STEEL, "clamp": clamp, "traction": [load]}
+    summary = ddmpi.solve({"body": [block]}, MPI.COMM_SELF).summary
+    found = [each for each in summary["warnings"] if "lost" in each or "the point" in each]
+    assert found[0].startswith(f"body.block: the load on 'top' along {way} is lost, as clamps")
+    assert found[1].startswith(
+        "body.block.clamp: the point 'bottom & left' carries a force of 3.49e+05"
+    )
+    assert len(found) == 2
+
+
 # Of the answer: one warning with these words, or none where there are no words
 
 
