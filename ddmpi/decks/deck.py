@@ -132,7 +132,10 @@ class Deck:
             kind = ""
         if not kind:
             self.odd.append(card)
-            self.elements |= {own + int(row[0]) for row in card.rows if row[0].isdigit()}
+            odd = [own + int(row[0]) for row in card.rows if row[0].isdigit()]
+            self.elements.update(odd)
+            if "ELSET" in card.given:
+                self._set("ELSET", card._replace(given=card.given | {"INTERNAL": ""}), odd)
             return
         rows = [[own + integer(word) for word in row if word] for row in card.rows]
         if rows and min(map(len, rows)) > 1 + count:  # with nodes inside, of incompatible modes

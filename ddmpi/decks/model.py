@@ -733,7 +733,8 @@ class Model:
     def _on_equation(self, card: Card) -> None:
         words = deque(chain(*card.rows))
         while words:
-            count = integer(words.popleft())
+            if (count := integer(words.popleft())) < 1:
+                raise DeckError("an equation has one term or more")
             terms = [[words.popleft() for _ in range(3)] for _ in range(count)]
             self._equate(card, [(what, component(k), number(c)) for what, k, c in terms])
 

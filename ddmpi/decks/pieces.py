@@ -142,6 +142,8 @@ def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
 
 def nodes_of_faces(blocks: Sequence[Block], ends: set[End]) -> np.ndarray:
     """The nodes (f, 8), as of `all_faces`, of the faces `ends` (element, number)."""
+    if not blocks:
+        return np.empty((0, 8), int)
     rows, owners = all_faces(blocks)
     return rows[[(element, face) in ends for element, face in owners.tolist()]]
 

@@ -790,6 +790,12 @@ BAD = [
     (BOX + "*BOUNDARY\nA_Z0, 3, 1\n" + step(), "*BOUNDARY: it gives the components 3 to 1"),
     (BOX + "*NSET, NSET=S\n" + step("*CLOAD", "S, 1, 4."), "*CLOAD: the set S is empty"),
     (BOX + step("*DLOAD", ", BZ, 1."), "*DLOAD: the name of a set is missing"),
+    (BOX + "*EQUATION\n0\n" + step(), "*EQUATION: an equation has one term or more"),
+    (
+        "*NODE\n900, 0., 0., 0.\n*ELEMENT, TYPE=SPRINGA, ELSET=K\n9, 900, 900\n*SURFACE, NAME=S\nK, S1\n"
+        "*COUPLING, REF NODE=900, SURFACE=S\n*KINEMATIC\n" + step(),
+        "the surface S has faces that its elements do not have",
+    ),
     (BOX + "*MPC\nTIE, 3\n" + step(), "*MPC: a data line is too short"),
     (BOX + step("*DLOAD", "A, GRAV, 9810."), "*DLOAD: a direction is zero"),
     (
