@@ -42,6 +42,7 @@ from ddmpi.scene.method import method_of
 from ddmpi.scene.reader import write_toml
 from ddmpi.sweep.table import read_table, varied
 from ddmpi.system.files import CHECKPOINT, MECHANISM, SUMMARY, SWEEP, TABLE, write_page
+from ddmpi.system.numbers import counted
 from ddmpi.system.provenance import has_matplotlib
 
 MOST_STEPS = 24
@@ -191,9 +192,9 @@ class RunReport:
             self.scene.get("time") is not None,
         )
         last = time in (None, *(step["time"] for step in summary["steps"][-1:]))
-        self.of_step = (
-            ("of the last load step" if last else f"at time {time:g}") if self.stepped else ""
-        )
+        end = "of the last load step"
+        self.of_step = (end if last else f"at time {time:g}") if self.stepped else ""
+        self.of_end = end if self.stepped and not last and summary.get("warnings") else ""
         self.axes = "xyz"[: len(next(iter(self.bodies.values()))["reaction"])]
         self.units = summary["units"] | {"": "", "%": "%"}
 
@@ -273,6 +274,7 @@ class RunReport:
             "more": " ".join(sentences[1:]),
             "when": ", ".join(filter(None, when)),
             "hosts": hosts,
+            "of_end": self.of_end,
             "warnings": noted(
                 [
                     *summary.get("warnings", ()),
@@ -337,12 +339,13 @@ class RunReport:
         """The numbers at the top of the report."""
         contacts = self.contacts.values()
         numbers = {
-            "m": sum(contact["m"] for contact in contacts),
-            "nodes": count(contacts),
+            "m": sum(contact["m"] for contact in contacts) if contacts else "",
+            "nodes": count(contacts) if contacts else "",
             "of_step": self.of_step,
             "depth": "depth" if len(self.axes) == 2 and not self.scene.get("axisymmetric") else "",
             "estimate": number(self.error["energy_norm"], 2, "%"),
-            "body_number": len(self.bodies),
+            "body_number": f"{len(self.bodies)} bod{'ies' if len(self.bodies) > 1 else 'y'}",
+            "solves": counted(self.summary["n_A"], "solve"),
             "elements": ORDERS[self.summary["order"]],
         }
         if not {contact["friction"] for contact in contacts} <= {"none", "bonded", "guided"}:
@@ -354,6 +357,8 @@ class RunReport:
             ("von_mises", self.bodies, "stress"),
             ("pressure", self.contacts, "stress"),
         ):
+            if not entries:
+                continue
             value, of = largest(entries, f"{name}_max")
             numbers[name] = number(value, unit=self.units[unit])
             place = where(entries[of], f"{name}_max") if of else ""
@@ -437,6 +442,8 @@ class RunReport:
 
     def _contacts(self) -> dict[str, Any]:
         contacts = self.contacts
+        if not contacts:
+            return {}
         asked = {contact["name"]: contact for contact in self.scene["contact"]}
         unmatched = [name for name, contact in contacts.items() if contact["slave"]]
         # matching nodes have no such errors

@@ -56,11 +56,10 @@ def log_plan(assembly: Assembly, figures: bool) -> None:
     contacts = {contact.name: owned[contact.name] for contact in scene.contact}
     laws = ", ".join(dict.fromkeys(law for law, _ in contacts.values()))
     log.info(
-        "n = %d unknowns (%s), m = %d contact nodes%s",
+        "n = %d unknowns (%s)%s",
         assembly.n,
         titles(title for *_, title in bodies.values()),
-        assembly.m,
-        f", friction: {laws}" * bool(contacts),
+        f", m = {assembly.m} contact nodes, friction: {laws}" * bool(contacts),
     )
     for plan, names in grouped((plan, name) for name, (_, plan) in contacts.items()):
         log.info("%s: %s", some(names, "contacts"), plan)

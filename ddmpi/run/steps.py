@@ -310,10 +310,10 @@ class March:
             )
         log.log(
             logging.DEBUG if self._repeated else logging.INFO,
-            "time %-10.6g %3d iterations; %s nodes",
+            "time %-10.6g %3d iterations%s",
             time,
             len(self.outer.history),
-            count(contact.resultants for contact in contacts),
+            f"; {count(contact.resultants for contact in contacts)} nodes" * bool(contacts),
         )
         self._leave()
         self._cuts = 0

@@ -199,6 +199,21 @@ def test_all_numbers_of_a_law_are_said(run):
     assert "Cohesive 0.25, 5e+06, varying" in report(run).text
 
 
+def test_a_body_alone_has_no_contacts(run):
+    """Neither empty tables nor a pressure that is not computed."""
+    summary = change(run)
+    assert "contact nodes" in report(run).text and "contacts" in report(run).ids
+    name = next(iter(summary["bodies"]))
+    body = next(each for each in summary["scene"]["body"] if each["name"] == name)
+    scene = summary["scene"] | {"body": [body], "contact": []}
+    bodies = {name: summary["bodies"][name]}
+    change(run, contacts={}, bodies=bodies, scene=scene, m=0, n_A=1)
+    page = report(run)
+    assert "contacts" not in page.ids and "contact nodes" not in page.text
+    assert "not computed" not in page.text and "normal forces" not in page.text
+    assert "elements, 1 body\n" in page.text and "1 solve with" in page.text
+
+
 def test_forces_of_bolts_are_said(run):
     """At the top the least one; with the contacts all, with their offsets."""
     assert "olt force" not in report(run).text

@@ -125,3 +125,16 @@ def test_loads_that_do_not_balance_each_other_are_no_equilibrium(way):
     answer = ddmpi.solve(squeezed(way, 1.0 + 4e-6), MPI.COMM_SELF)
     assert answer.reason.startswith("no equilibrium: bar would move along")
     certified(squeezed(way, 1.0 + 1e-9))
+
+
+def test_the_log_says_nothing_of_contacts(caplog):
+    """Neither of their nodes in load steps, nor of more than one of what there is once."""
+    scene = {
+        "body": [bar("bar", "plane", history="pull")],
+        "history": {"pull": {"times": [0.0, 1.0], "factors": [0.0, 1.0]}},
+        "time": {"points": [1.0], "steps": 1},
+    }
+    caplog.set_level("INFO", "ddmpi")
+    ddmpi.solve(scene, MPI.COMM_SELF)
+    assert not any(word in caplog.text for word in ("contact nodes", "open", "friction:"))
+    assert "(1 outer iteration, " in caplog.text
