@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ddmpi.decks.acting import Acts, later
+from ddmpi.decks.acting import Acts, History, later
 from ddmpi.decks.cards import EXACT, Entries, Rigid
 from ddmpi.decks.pieces import Piece, Side, formula, own_name
 from ddmpi.system.numbers import ROUNDING, crossed, moments
@@ -118,17 +118,21 @@ class RigidSets:
             return "a node of rotations has components 1 to 3 alone"
         if np.delete(both[:, :6], within, axis=1).any():
             return "its reference node is loaded or moved out of the plane"
-        if len(of_held | of_loads) > 1:
+        histories = of_held.keys() | of_loads.keys()
+        if len(histories) > 1 and not rigid.spread:
             self.notes.cases = len(self.model.ends) > 1
             return "its loads and displacements change in different ways"
         held = held[within]
         loads = both[1, within] / self.acts.matter.depth
-        more = later(next(iter(of_held | of_loads), None))
+        more = later(next(iter(histories), None))
         turn = float(np.linalg.norm(both[0, within[d:]]))
         if self.model.large and turn > SMALL_TURN:
             return f"it turns by {turn:.3g}, and turns are small in a scene"
         if rigid.spread:
-            return self._spread(rigid, faces, held, loads, more)
+            by_history = {
+                history: some[within] / self.acts.matter.depth for history, some in of_loads.items()
+            }
+            return self._spread(rigid, faces, held, by_history)
         pivot = np.array(self.model.deck.points[rigid.ref][:d])
         if np.isnan(held).any():
             return self._push(rigid, faces, held, loads, pivot, more)
@@ -197,30 +201,30 @@ class RigidSets:
         rigid: Rigid,
         faces: Sequence[Side],
         held: np.ndarray,
-        loads: np.ndarray,
-        more: Entries,
+        loads: dict[History, np.ndarray],
     ) -> str:
-        """Write the forces of a reference node as tractions on the faces of a body."""
+        """Write the forces of a reference node, by history, as tractions on the faces of a body."""
         if len(faces) > 1:
             return "it spreads forces over several bodies; how they divide is not known"
         if not np.isnan(held).all():
             return "a distributing coupling whose reference node is held"
         ((piece, facets),) = faces
         d = len(self.acts.axes)
-        force, moment = np.split(loads, [d])
         x, w = piece.quadrature(facets, False)
         pivot = np.array(self.model.deck.points[rigid.ref][:d])
         centre = w @ x / w.sum()
         arm = pivot - centre
         wide = np.abs([pivot, centre]).max()
-        # about the centre of the faces
-        moment = moment + moments(arm[None], force[None])[0]
-        moment[np.abs(moment) <= ROUNDING * np.abs(force).max() * wide] = 0.0
         on = piece.group(facets, "coupled")
-        for key, value in ("force", force), ("moment", moment):
-            if value.any():
-                given = float(value[0]) if len(value) == 1 else value.tolist()
-                self.tractions[piece.name].append({"on": on, key: given} | more)
+        for history, values in loads.items():
+            force, moment = np.split(values, [d])
+            # about the centre of the faces
+            moment = moment + moments(arm[None], force[None])[0]
+            moment[np.abs(moment) <= ROUNDING * np.abs(force).max() * wide] = 0.0
+            for key, value in ("force", force), ("moment", moment):
+                if value.any():
+                    given = float(value[0]) if len(value) == 1 else value.tolist()
+                    self.tractions[piece.name].append({"on": on, key: given} | later(history))
         return ""
 
     def _move(
@@ -238,11 +242,11 @@ class RigidSets:
         for piece, facets in faces:
             self.clamps[piece.name].append({"on": piece.group(facets, "rigid")} | moved | more)
 
-    def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, set[str | None]]:
+    def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, dict[History, np.ndarray]]:
         """Shifts or forces, and turns or moments of the reference nodes, and what has no meaning (9,), NaN where there
-        is none; and the histories of those that are not zero."""
+        is none; and those that are not zero by their histories."""
         values = np.full(9, np.nan)
-        histories = set[str | None]()
+        histories = defaultdict[History, np.ndarray](lambda: np.zeros(9))
         apart = rigid.turn != rigid.ref
         for (node, component), acting in self.kinds[kind].items():
             if node in (rigid.ref, rigid.turn):
@@ -250,7 +254,7 @@ class RigidSets:
                 k = component - 1 + 3 * (node == rigid.turn and apart)
                 values[k] = np.nansum([values[k], value]) if kind == "forces" else value
                 if value:
-                    histories.add(history)
+                    histories[history][k] += value
         return values, histories
 
 

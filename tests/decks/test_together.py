@@ -220,6 +220,25 @@ def test_a_reference_node_in_its_own_set_has_its_force_once(tmp_path):
     assert len(scene["body"][0]["clamp"]) == 1
 
 
+def test_loads_of_a_distributing_coupling_may_change_in_different_ways(tmp_path):
+    """A force in the first step, and another one across it with a moment in the second; not of a rigid body."""
+    loads = step("*CLOAD", "900, 3, 100.") + step("*CLOAD", "900, 2, 40.", "900, 4, 7.")
+    deck = TWO + SPREAD.format("SA") + loads
+    scene, _ = imported(tmp_path, deck)
+    courses = [
+        scene["history"][load["history"]]["factors"] for load in scene["body"][0]["traction"]
+    ]
+    assert courses == [[0.0, 1.0, 1.0]] * 2 + [[0.0, 0.0, 1.0]] * 2
+    answer = solved(tmp_path, deck)
+    held = answer.summary["bodies"]["A"]["reactions"]["A_X0"]
+    force = np.array([0.0, 40.0, 100.0])
+    moment = np.cross([2.5, 0.5, 0.5], force) + np.array([7.0, 0.0, 0.0])
+    assert held["force"] == pytest.approx(-force, rel=1e-6, abs=1e-6)
+    assert held["moment"] == pytest.approx(-moment, rel=1e-6, abs=1e-5)
+    words = "its loads and displacements change in different ways"
+    assert words in refused(tmp_path, TWO + KINEMATIC.format("SA") + loads)
+
+
 def test_a_large_turn_with_nlgeom_is_refused(tmp_path):
     """Turns are small in a scene."""
     turn = ("*BOUNDARY", "900, 1, 5", "900, 6, 6, 0.5")
