@@ -204,7 +204,8 @@ def _chosen(
         beside = beside[:, : len(sizes)][:, sizes > BESIDE]
         level |= rough and beside.size > 0
         candidates, errors = np.hstack([vectors, beside]), COARSE if level else RESISTED
-        given = K[members][:, members].toarray(), loads[members], errors
+        change = _beside_shifts(K[members][:, members].toarray(), candidates, turned[members])
+        given = change, loads[members], errors
         vectors = dead(candidates, *given)
         if coarse and vectors.shape[1] < candidates.shape[1]:
             straight = dead(_straight(candidates, turned[members]), *given)
@@ -215,6 +216,15 @@ def _chosen(
         chosen.append(placed)
         levels.append(np.full(vectors.shape[1], level))
     return np.hstack(chosen), np.concatenate(levels)
+
+
+def _beside_shifts(K: np.ndarray, vectors: np.ndarray, turned: np.ndarray) -> np.ndarray:
+    """By how much loads change, K (j, j), but for pure shifts in the span of `vectors` (j, q), orthonormal columns: where
+    contacts resist no shift their forces move along with it, so that lever arms of loads stay. Motions `turned` (j,) bool
+    turn bodies."""
+    _, values, combinations = np.linalg.svd(vectors[turned])
+    shifts = vectors @ combinations[int((values > RESISTED).sum()) :].T
+    return K - (K @ shifts) @ np.linalg.pinv(shifts)
 
 
 def _straight(vectors: np.ndarray, turned: np.ndarray) -> np.ndarray:

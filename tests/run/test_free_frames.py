@@ -697,6 +697,29 @@ def test_a_disc_that_falls_onto_the_side_of_a_bore_rolls_down(x, y):
     )
 
 
+@pytest.mark.parametrize("rigid", [True, False])
+def test_a_disc_on_a_plane_is_held_along_it_and_about_its_middle(rigid):
+    """Without friction nothing resists either motion: lever arms of its weight move along with the contact. On an elastic
+    plate it moved on from pass to pass, on a rigid one its shift alone was said to be undetermined."""
+    disc = ring("disc", (0.0, 1.0), (0.25, 1.0), (60, 4), volume_force=[0.0, -WEIGHT / np.pi])
+    plate = rectangle("plate", (-3, -1), (6, 1), (61, 4), young=1000.0, clamp=["bottom"])
+    contact = {
+        "bodies": ["disc", "floor" if rigid else "plate"],
+        "on": ["outer", "top"][: 2 - rigid],
+    }
+    scene = {
+        "time": {"points": [1.0], "steps": 1, "motions": "far"},
+        "body": [disc] if rigid else [disc, plate],
+        "rigid": [FLOOR] if rigid else [],
+        "contact": [contact],
+    }
+    answer = certified(scene)
+    told = [each["motion"] for each in answer.summary["held_motions"]]
+    assert ["move along x" in told[0], "turn counterclockwise" in told[1]] == [True, True]
+    assert answer.summary["undetermined"] == []
+    assert gone(answer, "disc")[-1][[0, 2]] == pytest.approx([0.0, 0.0], abs=1e-9)
+
+
 def test_a_block_slides_by_its_length_to_a_stop():
     """Without friction, under its weight and a force: the lever arm of its weight moves on by its length, but so do those
     of contact forces. It ended as no equilibrium from 1 length on."""

@@ -5236,6 +5236,13 @@ MUTANTS = [
             f"{FREE}::test_a_block_slides_by_its_length_to_a_stop",
         ),
         (
+            "lever arms of loads drive a disc along a plane",
+            "run/held",
+            "return K - K @ shifts @ np.linalg.pinv(shifts)",
+            "return K",
+            f"{FREE}::test_a_disc_on_a_plane_is_held_along_it_and_about_its_middle",
+        ),
+        (
             "slight friction resists turns",
             "run/held",
             "law.slope(none) > slight",
