@@ -22,7 +22,7 @@ from ddmpi.scene.contacts import both_sides
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import gathered
 from ddmpi.system.doubts import Doubt
-from ddmpi.system.numbers import SAME, in_words
+from ddmpi.system.numbers import SAME, in_words, place_of_largest
 
 LIMIT = {
     # of a mesh
@@ -49,6 +49,8 @@ LIMIT = {
     "few": 5,  # _few_nodes: closed nodes across a contact of bodies that move far
     "zone": 0.1,  # _unresolved_zone: least force of a zone on few nodes, over that of the contact
     "stress": 0.1,  # doubt_stress: least stress at a singularity, over the largest of all bodies
+    "means": 0.25,  # _hidden_in_means: mean square of cells' stresses over that at nodes; 0 to 1/6 in a strip that bends
+    # with one cell across, 1/2 and more with two
 }
 """Limits of all warnings about a scene and its answer, with the functions that warn; but those of `motions` for free
 motions of loose bodies, and those of `overlap`."""
@@ -388,29 +390,33 @@ def _hidden(error: DiscretizationError) -> list[str]:
 
 def doubt_stress(
     assembly: Assembly,
-    stresses: Mapping[str, np.ndarray | None],
+    stresses: Mapping[str, tuple[np.ndarray, np.ndarray] | None],
     edges: Mapping[str, list[Singular]],
 ) -> list[str]:
-    """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite, or in
-    a thin cell. Collective.
+    """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite, in a
+    thin cell, or is that of means. Collective.
 
     Parameters
     ----------
-    stresses : (nt,) von Mises stresses (Pa) of this rank's bodies; None where they are not wanted
+    stresses : von Mises stresses (Pa) of this rank's bodies, of cells (nt,) and at nodes (nv,); None where they are not
+        wanted
     edges : by body where those of its contacts are infinite, as of `doubt_edges`
     """
     unit = assembly.scene.units["stress"]
     of_rank = {
         body.spec.name: (
-            float(sigma.max()),
-            [
+            float(max(sigma.max(), nodal.max())) if means else float(sigma.max()),
+            means
+            or [
                 *_singular(body, sigma, unit, edges[body.spec.name]),
                 *_in_thin_cell(body, sigma, unit),
             ],
         )
         for body in assembly.bodies
-        for sigma in [stresses[body.spec.name]]
-        if sigma is not None
+        for both in [stresses[body.spec.name]]
+        if both is not None
+        for sigma, nodal in [both]
+        for means in [[*_hidden_in_means(body, sigma, nodal, unit)]]
     }
     of_all = gathered(assembly.world, of_rank)
     least = LIMIT["stress"] * max((largest for largest, _ in of_all.values()), default=0.0)
@@ -438,6 +444,25 @@ def _in_thin_cell(body: Body, stress: np.ndarray, unit: str) -> Iterator[str]:
             f"{place} with {quality:.2g} of the measure of a regular one; stresses are poor there",
             "stress in a thin cell",
             stress[k],
+        )
+
+
+def _hidden_in_means(body: Body, stress: np.ndarray, nodal: np.ndarray, unit: str) -> Iterator[str]:
+    """A warning where stresses change so much within cells that these, (nt,) of their means, show less than half of
+    those (nv,) at nodes, as in a plate that bends with one cell across. Linear simplices have but one stress."""
+    mesh = body.mesh
+    place = place_of_largest(nodal, mesh.points)
+    if place is None or (mesh.cell.linear and mesh.cell.simplex):
+        return
+    weights = mesh.measures()
+    of_nodes = weights @ (nodal[mesh.corners] ** 2).mean(axis=1)
+    if weights @ stress**2 < LIMIT["means"] * of_nodes:
+        yield Doubt(
+            f"body.{body.spec.name}: the largest von Mises stress, {stress.max():.4g} {unit}, is a mean over a cell, and "
+            f"within cells stresses change their sign, as where a plate bends with one cell across; at nodes they are up "
+            f"to {nodal.max():.4g} {unit}, at {in_words(place, 4)}; take these, or more cells across",
+            "stress of means",
+            nodal.max(),
         )
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.body.estimate import Deformed, DiscretizationError, estimate_errors, sum_errors
+from ddmpi.body.stress import von_mises
 from ddmpi.coupling.assembly import NO_SIZES, Assembly, prepare
 from ddmpi.coupling.ranks import WorkingRanks, on_working_ranks, team_of
 from ddmpi.coupling.team import Team
@@ -493,13 +494,16 @@ def _of_answer(solved: Solved, free: list[str], edges: Edges) -> list[str]:
     return warnings + ([] if world.rank else _doubt_split(steps.derived[0]))
 
 
-def _resolved(solved: Solved, body: str) -> np.ndarray | None:
-    """The von Mises stresses (nt,) of a body of this rank; None where they are not wanted, or rounding: without energy, as a
-    body moves rigidly, and under pure pressure."""
-    stress, von_mises = solved.fields[body].stress, solved.fields[body].von_mises
-    if stress is None or von_mises is None or not solved.error.estimates[body].energy:
+def _resolved(solved: Solved, body: str) -> tuple[np.ndarray, np.ndarray] | None:
+    """The von Mises stresses of cells (nt,) and at nodes (nv,) of a body of this rank; None where they are not wanted, or
+    rounding: without energy, as a body moves rigidly, and under pure pressure."""
+    field = solved.fields[body]
+    of_cells, stress = field.von_mises, field.nodal_stress
+    if of_cells is None or stress is None or not solved.error.estimates[body].energy:
         return None
-    return von_mises if von_mises.max() > solved.solution.limit * np.abs(stress).max() else None
+    of_nodes = von_mises(stress)
+    rounding = of_nodes.max() <= solved.solution.limit * np.abs(stress).max()
+    return None if rounding else (of_cells, of_nodes)
 
 
 def _of_meshes(assembly: Assembly) -> list[str]:

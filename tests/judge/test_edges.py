@@ -235,6 +235,44 @@ def test_the_largest_stress_in_a_sliver_is_told():
     assert found(1.0, 2.0, 3.0) == found(3.0, 3.0, 1.0) == []
 
 
+@pytest.mark.parametrize(("elements", "largest"), [("bricks", 0.0), ("simplices", 2.0)])
+def test_a_plate_that_bends_in_one_cell_is_told_the_stress_of_its_surface(elements, largest):
+    """σ = 6 M / h² = 6 Pa at its surface, in the mean over a cell 0 or a third; with two cells across nothing is said,
+    nor of linear elements, whose estimate tells."""
+
+    def warned(across: int, order: int = 2) -> tuple[float, list[str]]:
+        strip = {"shape": "rectangle", "size": [10.0, 1.0], "divisions": [4, across]}
+        strip |= {"elements": elements, "order": order}
+        block = {"name": "block", "mesh": strip, "material": {"young": 2e5, "poisson": 0.0}}
+        block["clamp"] = [{"on": "left", "x": 0.0}, {"on": "left & bottom", "y": 0.0}]
+        block["traction"] = [{"on": "right", "moment": 1.0}]
+        summary = ddmpi.solve({"body": [block]}, MPI.COMM_SELF).summary
+        told = [words for words in summary["warnings"] if "is a mean over a cell" in words]
+        return summary["bodies"]["block"]["von_mises_max"], told
+
+    of_cells, (told,) = warned(1)
+    assert of_cells == pytest.approx(largest, abs=1e-8)
+    assert "at nodes they are up to 6 Pa, at (0, 0); take these, or more cells across" in told
+    assert warned(2)[1] == warned(1, 1)[1] == []
+
+
+@pytest.mark.parametrize("past", [True, False])
+def test_means_are_told_below_half_of_the_stress_at_nodes(past):
+    """A strip with one cell across under m + y: squares of means are m², at nodes m² + 1, four times that at m = 1/√3."""
+    middle = 3.0**-0.5 * (0.999 if past else 1.001)
+    strip = {"shape": "rectangle", "origin": [0.0, -1.0], "size": [6.0, 2.0], "divisions": [2, 1]}
+    block = {
+        "name": "block",
+        "mesh": strip | {"order": 2, "elements": "bricks"},
+        "material": {"young": 2e11, "poisson": 0.3},
+        "clamp": [{"on": "left", "x": 0.0}, {"on": "left & bottom", "y": 0.0}],
+        "traction": [{"on": "right", "value": [f"1e6 * ({middle} + y)", 0.0]}],
+    }
+    warnings = ddmpi.solve({"body": [block]}, MPI.COMM_SELF).summary["warnings"]
+    words = "is a mean over a cell, and within cells stresses change their sign"
+    assert any(words in warning for warning in warnings) is past, warnings
+
+
 @pytest.mark.parametrize(("drawn", "said"), [(True, True), (False, False)])
 def test_only_a_drawing_can_be_rounded(drawn, said):
     """A mesh that is given is not: the stress beside a re-entrant corner is what is left."""

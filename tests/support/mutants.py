@@ -4605,8 +4605,8 @@ MUTANTS = [
         (
             "stresses of pure pressure grow without limit",
             "run/run",
-            "von_mises if von_mises.max() > solved.solution.limit * np.abs(stress).max() else None",
-            "von_mises",
+            "None if rounding else (of_cells, of_nodes)",
+            "of_cells, of_nodes",
             "judge/test_plausible.py::test_stresses_of_rounding_grow_nowhere",
         ),
         (
@@ -5023,6 +5023,13 @@ MUTANTS = [
             "0.5 * (np.pi + SHARPEST)",
             "np.pi - SHARPEST",
             "judge/test_edges.py::test_a_notch_at_a_plane_of_symmetry_is_a_re_entrant_corner",
+        ),
+        (
+            "means of half the stress at nodes are told with one cell across, not with two",
+            "judge/plausible",
+            '< LIMIT["means"] * of_nodes',
+            "< of_nodes",
+            "judge/test_edges.py::test_a_plate_that_bends_in_one_cell_is_told_the_stress_of_its_surface",
         ),
         (
             "one thin cell among others has a stress that is poor",
