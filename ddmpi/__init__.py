@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.23.0"
 
-__all__ = ["prepare", "solve", "to_xarray"]
+__all__ = ["converge", "prepare", "solve", "to_xarray"]
 
 
 def solve(
@@ -54,7 +54,8 @@ def solve(
         elements is that of the cells. Or it is a `meshio.Mesh` with groups as sets of cells and points
     comm : any number of ranks; MPI.COMM_WORLD if left out. PETSc starts on all ranks of
         MPI.COMM_WORLD together: if `comm` is a part of it, call ``petsc4py.init()`` on all ranks before
-    overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``
+    overrides : values by key, as after ``--set``: ``{"contact.upper-lower.friction.coefficient": 0.5}``; the mesh of a
+        body, ``"body.upper.mesh"``, may be arrays here, too
     progress : whether rank 0 prints the messages of the command; if not, they go to the logger ``ddmpi`` of the module
         logging: ``logging.basicConfig(level="INFO")`` shows them
     only : "contacts" leaves out fields, stresses and the estimated error, as ``output.only`` does
@@ -108,7 +109,8 @@ def converge(
         as `ddmpi.solve`
     """
     target = {"method.target": {str(of): within}}
-    return solve(scene, comm, {**(overrides or {}), **target}, progress)
+    known = hasattr(overrides, "keys") or not overrides  # what else there is, solve refuses
+    return solve(scene, comm, {**(overrides or {}), **target} if known else overrides, progress)
 
 
 def prepare(scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None) -> Model:

@@ -25,7 +25,7 @@ from ddmpi.mesh.elements import circumference
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import BodySpec, Clamp, Material, Traction
 from ddmpi.scene.formulas import evaluate, varies
-from ddmpi.scene.values import AffineVector, Vector, histories
+from ddmpi.scene.values import LARGEST, AffineVector, Vector, histories
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import ALIKE, ROUNDING, SAME, in_words, moment, without
 
@@ -258,15 +258,16 @@ def thermal_loads(
 def values_at(value: Any, points: np.ndarray, key: str) -> np.ndarray:
     """`evaluate` at points (…, d). Raises InputError, naming `key`, where a formula is not finite."""
     values = evaluate(value, *np.moveaxis(points, -1, 0))
-    if varies(value) and not np.isfinite(values).all():
-        at = np.argwhere(~np.isfinite(values))[0]
+    finite = np.abs(values) <= LARGEST
+    if varies(value) and not finite.all():
+        at = np.argwhere(~finite)[0]
         formulas, where = (
             value if isinstance(value, tuple) else (value,),
             in_words(points[tuple(at[1 - points.ndim :])]),
         )
         raise InputError(
             f'{key}: the formula "{formulas[at[0] if len(at) == points.ndim else 0]}" is '
-            f"{values[tuple(at)]} at {where}; it must be a finite number wherever it acts"
+            f"{values[tuple(at)]} at {where}; it must be a finite number, up to {LARGEST:g}, wherever it acts"
         )
     return values
 

@@ -31,6 +31,8 @@ def choose_folder(wanted: str | None, restart: str | None, scene: str) -> Iterat
     InputError where the folder holds anything else, another run is at work there, or nothing can be written;
     OutputError where the disk is full. Not collective.
     """
+    if restart and os.path.isfile(restart):
+        raise InputError(f"--restart {restart}: is no folder")
     first = folder = Path(wanted or restart or Path("results") / Path(scene).stem)
     k, made = 1, _make(folder)
     while not (made or wanted or restart):

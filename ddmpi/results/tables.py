@@ -303,6 +303,8 @@ def reading(path: str | Path, what: str = "a complete folder of results") -> Ite
         lost = getattr(error, "filename", None) if isinstance(error, FileNotFoundError) else None
         why = "there is no" if lost or isinstance(error, KeyError) else type(error).__name__
         first = Path(lost).name if lost else str(error).partition("\n")[0][:200]
+        if isinstance(error, NotADirectoryError):
+            why, first = "it is", "no folder"
         raise InputError(f"{path}: not {what}: {why} {first}") from None
 
 

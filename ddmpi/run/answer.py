@@ -27,7 +27,7 @@ from ddmpi.results.tables import HISTORY, STATUS, chains
 from ddmpi.run.gather import Solved
 from ddmpi.run.report import LISTED, NAMED, describe_contact
 from ddmpi.run.run import Cases
-from ddmpi.scene.given import Given, with_names
+from ddmpi.scene.given import Given, values_with_names, with_names
 from ddmpi.scene.keys import override
 from ddmpi.scene.petsc import code_of, refuse_reaching
 from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
@@ -141,7 +141,7 @@ class Answer:
     def to_meshio(self, body: str) -> Any:
         """A body of this rank as a `meshio.Mesh`, see `Fields.to_meshio`. Not collective. Raises InputError for another
         name."""
-        if body not in self.bodies:
+        if body not in list(self.bodies):
             raise InputError(
                 f"to_meshio({body!r}): there is no such body on this rank, or no fields"
                 f"{unknown(str(body), self.bodies)}"
@@ -209,12 +209,12 @@ class Model:
     def __init__(
         self, scene: str | Path | Mapping[str, Any], comm: MPI.Comm | None = None, keep: bool = True
     ) -> None:
-        if not isinstance(comm, MPI.Comm | None):
+        if not isinstance(comm, MPI.Comm | None) or comm == MPI.COMM_NULL:
             raise InputError(f"comm: expected a communicator of mpi4py (got {comm!r})")
         self._world = in_lockstep(MPI.COMM_WORLD if comm is None else comm)
         in_words = isinstance(scene, Mapping) or "\n" in str(scene)
         self._path = path = "scene" if in_words else str(scene)
-        self._given = list[Given]()
+        self._given, self._varied = list[Given](), list[Given]()
         with agreed(self._world):
             if isinstance(scene, Mapping):
                 scene, self._given = with_names(scene)
@@ -266,20 +266,22 @@ class Model:
         outer: str | type | None = None,
     ) -> Settled:
         """The scene with all defaults and these values by key. Collective. Raises InputError."""
-
-        def read() -> Settled:
-            data = copy.deepcopy(self._data)
+        with agreed(self._world):
             if not isinstance(overrides, Mapping | None):
                 raise InputError(
                     f"overrides: expected a table of values by key (got {overrides!r})"
                 )
+            values, self._varied = values_with_names(overrides or {})
+
+        def read() -> Settled:
+            data = copy.deepcopy(self._data)
             name = f"{outer.__module__}:{outer.__qualname__}" if isinstance(outer, type) else outer
             given = {
                 key: value
                 for key, value in (("output.only", only), ("method.outer", name))
                 if value is not None
             }
-            for key, value in {**(overrides or {}), **given}.items():
+            for key, value in {**values, **given}.items():
                 override(data, str(key), as_data(value, "overrides", str(key)), "overrides: ")
             return read_scene(self._path, data, file_kind=kind_of_files(self._path))
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from ddmpi.errors import InputError
 from ddmpi.scene.values import LARGEST
+from ddmpi.system.numbers import in_words
 
 CELLS: dict[int, dict[int, str]] = {
     1: {2: "line", 3: "line3"},
@@ -49,14 +50,29 @@ def with_names(data: Mapping[str, Any]) -> tuple[Mapping[str, Any], list[Given]]
     for k, body in enumerate(bodies):
         mesh = body.get("mesh") if isinstance(body, Mapping) else None
         if _is_mesh(mesh):
-            key = f"body.{body.get('name', k)}.mesh"
-            arrays = mesh if isinstance(mesh, Mapping) else {}
-            raw = _of_arrays(arrays, key) if arrays else copy.deepcopy(mesh)
-            given.append(_registered(raw))
-            others = {name: arrays[name] for name in arrays if name not in ARRAYS}
-            body = {**body, "mesh": {**others, "file": given[-1].name}}
+            named_mesh, raw = _with_name(mesh, f"body.{body.get('name', k)}.mesh")
+            given.append(raw)
+            body = {**body, "mesh": named_mesh}
         named.append(body)
     return {**data, "body": named}, given
+
+
+def values_with_names(overrides: Mapping[str, Any]) -> tuple[dict[str, Any], list[Given]]:
+    """`with_names` of values by key, of which some may be meshes as arrays."""
+    meshes = {key: overrides[key] for key in overrides if str(key).endswith(".mesh")}
+    meshes = {key: mesh for key, mesh in meshes.items() if _is_mesh(mesh)}
+    named = {key: _with_name(mesh, f"overrides: {key}") for key, mesh in meshes.items()}
+    values = {key: named[key][0] if key in named else overrides[key] for key in overrides}
+    return values, [raw for _, raw in named.values()]
+
+
+def _with_name(mesh: Any, key: str) -> tuple[dict[str, Any], Given]:
+    """The keys of a mesh as arrays, or of meshio, with its name in the place of a file's; and this mesh. Raises
+    InputError."""
+    arrays = mesh if isinstance(mesh, Mapping) else {}
+    given = _registered(_of_arrays(arrays, key) if arrays else copy.deepcopy(mesh))
+    others = {name: arrays[name] for name in arrays if name not in ARRAYS}
+    return {**others, "file": given.name}, given
 
 
 ARRAYS = ("points", "cells", "groups")
@@ -101,10 +117,17 @@ def _of_arrays(arrays: Mapping[str, Any], key: str) -> Any:
             f"(j,); {' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
         )
     points = _array(arrays["points"], f"{key}.points", "f")
-    if points.ndim != 2 or points.shape[1] not in (2, 3) or not (np.abs(points) <= LARGEST).all():
+    if points.ndim != 2 or points.shape[1] not in (2, 3):
         raise InputError(
-            f"{key}.points: expected numbers of size (n, 2) or (n, 3), up to {LARGEST:g}, got {points.shape}"
+            f"{key}.points: expected numbers of size (n, 2) or (n, 3), got {points.shape}"
         )
+    if not (near := (np.abs(points) <= LARGEST).all(axis=1)).all():
+        k = int(near.argmin())
+        raise InputError(
+            f"{key}.points: expected finite numbers up to {LARGEST:g}, point {k} is at {in_words(points[k])}"
+        )
+    if not points[:, 2:].any():  # as meshio has points of the plane
+        points = points[:, :2]
     number, d = points.shape
     if not isinstance(arrays["groups"], Mapping):
         raise InputError(f"{key}.groups: expected facets or nodes by name")
@@ -135,6 +158,8 @@ def _array(value: Any, key: str, kind: str) -> np.ndarray:
         array = np.array(value)
     except ValueError:
         raise InputError(f"{key}: expected rows of numbers of one length") from None
+    if not array.size or np.ma.is_masked(value):
+        raise InputError(f"{key}: {'is empty' if not array.size else 'has masked numbers'}")
     if array.dtype.kind not in {"f": "fiu", "i": "iu"}[kind]:
         what = "whole numbers, those of nodes, from 0 on" if kind == "i" else "numbers"
         raise InputError(f"{key}: expected {what}, got an array of {array.dtype}")
@@ -144,7 +169,7 @@ def _array(value: Any, key: str, kind: str) -> np.ndarray:
 def _numbered(value: Any, key: str, number: int) -> np.ndarray:
     """An array of numbers of nodes, of which there are so many. Raises InputError."""
     nodes = _array(value, key, "i")
-    if nodes.ndim not in (1, 2) or not nodes.size:
+    if nodes.ndim not in (1, 2):
         raise InputError(f"{key}: expected numbers of nodes, (nt, k) or (j,), got {nodes.shape}")
     if nodes.min() < 0 or nodes.max() >= number:
         raise InputError(

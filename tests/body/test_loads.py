@@ -242,6 +242,7 @@ def test_formulas_on_curved_triangles_and_sides():
             "traction",
             '"log(9 - x)" is nan at (',
         ),
+        ({"volume_force": ("1e200*y", 0.0)}, "volume_force", '"1e200*y" is 3.99'),
         ({"volume_force": ("sqrt(y - 1)", 0.0)}, "volume_force", '"sqrt(y - 1)" is nan at ('),
         ({"clamp": [Clamp(on="left", y="1/(y - 40)")]}, "clamp", '"1/(y - 40)" is inf at (5, 40)'),
     ],

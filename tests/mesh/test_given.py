@@ -103,6 +103,35 @@ def test_groups_are_facets_or_nodes(mesh):
     assert "mesh" in model.reused["block"]
 
 
+def test_points_of_the_plane_may_have_a_third_coordinate_of_zero():
+    """As those of meshio have."""
+    plane = square()
+    flat = plane | {"points": np.pad(plane["points"], ((0, 0), (0, 1)))}
+    one, other = certified(pressed(plane)).bodies, certified(pressed(flat)).bodies
+    assert np.array_equal(one["block"].displacement, other["block"].displacement)
+
+
+def test_arrays_take_the_place_of_a_mesh_by_its_key():
+    """Of a shape, and of other arrays; only for one solve. A profile has points, too, and is none."""
+    fine, coarse = square(6), square(2)
+    shape = {"shape": "rectangle", "size": [1.0, 1.0], "divisions": [2, 2]}
+    scene = pressed(shape)
+    scene["body"][0]["clamp"] = [{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}]
+    clamp = {"body.block.clamp.1": {"on": "corner", "x": 0.0}}
+    with ddmpi.prepare(scene, MPI.COMM_SELF) as model:
+        for mesh in (fine, coarse, of_meshio()):
+            answer = model.solve({"body.block.mesh": mesh} | clamp)
+            there = mesh["points"] if isinstance(mesh, dict) else mesh.points
+            assert len(answer.bodies["block"].points) == len(there)
+            moved = answer.bodies["block"].displacement[:, 1].min()
+            assert moved == pytest.approx(-1e6 * (1 - 0.3**2) / 1e9, rel=1e-9)
+        assert len(model.solve().bodies["block"].points) == 9
+        with pytest.raises(InputError, match=r"^overrides: body\.block\.mesh\.cells: is empty"):
+            model.solve({"body.block.mesh": fine | {"cells": []}})
+        with pytest.raises(InputError, match=r"time\.points"):
+            model.solve({"time": {"points": []}})
+
+
 def test_meshes_last_as_long_as_their_model():
     model = ddmpi.prepare(pressed(square()), MPI.COMM_SELF)
     (name,) = GIVEN
@@ -134,7 +163,13 @@ def test_each_rank_has_its_arrays(comm):
         ({"cells": [[0, 1, 25]]}, "there are 25 points, counted from 0; 0 to 25 are named"),
         ({"cells": [[0, 1, -1]]}, "counted from 0; -1 to 1 are named"),
         ({"cells": [[0.5, 1.0, 2.0]]}, "expected whole numbers, those of nodes, from 0 on"),
-        ({"cells": []}, "expected whole numbers"),
+        ({"cells": []}, "body.block.mesh.cells: is empty"),
+        ({"groups": {"top": []}}, "body.block.mesh.groups.top: is empty"),
+        (
+            {"points": [[0.0, 0.0], [np.nan, 1.0]]},
+            "expected finite numbers up to 1e+100, point 1 is at (nan, 1)",
+        ),
+        ({"points": np.ma.masked_equal(square()["points"], 0.5)}, "points: has masked numbers"),
         ({"groups": {"top": np.zeros((1, 1, 1), int)}}, "expected numbers of nodes, (nt, k) or"),
         ({"groups": {"top": [[0, 1, 2, 3]]}}, "of as many as 2 (line), 3 (line3)"),
         ({"groups": [[0, 1]]}, "body.block.mesh.groups: expected facets or nodes by name"),

@@ -16,6 +16,7 @@ from ddmpi.errors import InputError, OutputError, TakenError
 from ddmpi.mesh.build import locate_mesh
 from ddmpi.results.folder import MOVED, Staging, choose_folder, running
 from ddmpi.results.summary import write_summary
+from ddmpi.results.tables import reading
 from ddmpi.scene.reader import read_scene
 from ddmpi.system import logs
 from ddmpi.system.files import CHECKPOINT, RECORD, UNFINISHED, contact_files, write_atomically
@@ -464,3 +465,19 @@ def test_a_set_up_that_was_interrupted_is_not_taken_for_a_complete_one(tmp_path)
     assert again.returncode == 0, again.stderr
     assert again.stdout.strip() == str(python)
     assert (tmp_path / "venv" / "ddmpi-setup").exists()
+
+
+def test_a_file_is_no_folder_of_results(tmp_path):
+    """By words, not by the name of an error; nor is it one of a run to go on from."""
+    file = tmp_path / "summary.json"
+    file.write_text("{}")
+    with (
+        pytest.raises(InputError, match="not a complete folder of results: it is no folder"),
+        reading(file),
+    ):
+        (file / "summary.json").read_text()
+    with (
+        pytest.raises(InputError, match=r"--restart .*summary\.json: is no folder"),
+        choose_folder(None, str(file), "scene.toml"),
+    ):
+        pass

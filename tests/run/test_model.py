@@ -3,6 +3,7 @@
 import random
 
 import pytest
+from mpi4py import MPI
 from reused import CHANGES, changes, content, differences
 from scenes import pinched_blocks, rectangle, seldom, to_toml, tower
 from solid_scenes import two_boxes
@@ -445,8 +446,11 @@ def test_what_is_no_scene_is_refused(scene):
             InputError, match=r"^scene: expected a path, the text of a scene, or a table"
         ):
             call(scene)
-    with pytest.raises(InputError, match=r"^comm: expected a communicator"):
-        ddmpi.prepare(pinched_blocks(2), comm=3)
+    for comm in (3, MPI.COMM_NULL):
+        with pytest.raises(InputError, match=r"^comm: expected a communicator"):
+            ddmpi.prepare(pinched_blocks(2), comm=comm)
+    with pytest.raises(InputError, match=r"^overrides: expected a table of values by key"):
+        ddmpi.converge(pinched_blocks(2), "contacts.upper-lower.force.x", overrides=["a=1"])
 
 
 def test_memory_is_given_back_by_teams_alone(monkeypatch):

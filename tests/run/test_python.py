@@ -23,6 +23,9 @@ NOTEBOOK = ROOT / "docs/examples/pad_on_plate.ipynb"
 def test_public_names_are_there():
     assert sorted(ddmpi.__all__) == ddmpi.__all__
     assert all(callable(getattr(ddmpi, name)) for name in ddmpi.__all__)
+    made_here = (thing for thing in vars(ddmpi).values() if hasattr(thing, "__module__"))
+    functions = {thing.__name__ for thing in made_here if thing.__module__ == "ddmpi"}
+    assert set(ddmpi.__all__) == functions
 
 
 def test_the_history_is_that_of_the_file(tmp_path):
@@ -61,7 +64,7 @@ def test_a_body_is_a_mesh_of_meshio(tmp_path, scene, kind):
     assert np.array_equal(mesh.point_data["displacement"][:, :d], fields.displacement)
     assert np.array_equal(mesh.cell_data["von_mises"][0], fields.von_mises)
     assert mesh.point_data["nodal_stress"].shape == (len(fields.points), 6)
-    for wrong in ("uper", "floor"):
+    for wrong in ("uper", "floor", ["upper"]):
         with pytest.raises(InputError, match="there is no such body on this rank"):
             answer.to_meshio(wrong)
 
