@@ -123,6 +123,21 @@ def test_gaps_are_magnified_like_displacements(gap, left, given, factor):
     ].any()  # what does not move is drawn where it is
 
 
+@pytest.mark.parametrize("on", [("right", "left"), ("top", "bottom")])
+def test_bodies_around_an_axis_are_drawn_on_it(on):
+    """A press fit is drawn with so small a factor that its overlap is invisible; along the axis bodies shift."""
+    radial = on[0] == "right"
+    meshes = {"one": made_up.block(), "two": made_up.block((3.0, 0.0) if radial else (0.0, 1.0))}
+    results, _ = deformed(meshes, {"one": [0.0, 0.0], "two": [1e-5, 1e-5]}, {"one-two": on})
+    n = len(results.contacts["one-two"]["gap"])
+    pressed = {"gap": np.zeros(n), "initial_gap": np.full(n, -1e-3), "status": np.full(n, "stick")}
+    results.contacts["one-two"] |= pressed
+    results.summary["scene"]["axisymmetric"] = True
+    factor, shift = magnify(results)
+    assert not shift[:, 0].any() and shift[:, 1].any() != radial
+    assert (factor - 1.0) * 1e-3 <= 0.002 * results.extent if radial else factor > 10.0
+
+
 @pytest.mark.parametrize("drawn", [True, False])
 @pytest.mark.parametrize("overlap", [1e-6, 1e-3, 0.05])
 def test_a_shrink_fit_is_drawn_without_air(overlap, drawn):
