@@ -69,7 +69,7 @@ def renew(less: Notes, more: Notes, only: str) -> list[str]:
             first.setdefault(what, f"{name}: {told}")
     for folder, tests in records.items():
         text = approved.written(approved.former(folder) | tests if only else tests)
-        (approved.HERE / f"{folder}.txt").write_text(text, encoding="utf-8")
+        approved.file_of(folder).write_text(text, encoding="utf-8")
     return [
         f"{times:4} times  {what}   {first.get(what, '')}"
         for what, times in sorted(changed.items())

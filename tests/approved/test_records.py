@@ -162,7 +162,9 @@ def test_lines_that_come_and_go_are_told():
         transcripts.merged("t", ["x 1"], ["y 1"])
 
 
-def test_tests_of_several_ranks_and_slow_ones_have_no_records():
+def test_tests_of_several_ranks_and_slow_ones_have_no_records(monkeypatch):
+    monkeypatch.setenv(approved.WRITTEN, "notes")  # also where there are none yet
+
     def item(folder: str, *marks: str) -> SimpleNamespace:
         path = SimpleNamespace(parent=SimpleNamespace(name=folder))
         return SimpleNamespace(path=path, get_closest_marker=lambda name: name in marks)
@@ -170,3 +172,9 @@ def test_tests_of_several_ranks_and_slow_ones_have_no_records():
     assert approved.has_record(item("products"))
     for other in (item("run"), item("products", "slow"), item("products", "mpi")):
         assert not approved.has_record(other)
+
+
+def test_every_folder_has_its_records():
+    """Without the file nothing is compared."""
+    missing = [folder for folder in approved.RECORDED if not approved.file_of(folder).is_file()]
+    assert not missing, f"run {approved.RENEW}"

@@ -44,7 +44,7 @@ EACH = 1e-8
 ROUNDING = 1e-9
 """Below this share of the largest number of its quantity in the answer a number is told as zero."""
 
-TINY = 1e-12
+TINY = 1e-9
 """A number in a text below this is rounding."""
 
 SHAKEN = "DDMPI_SHAKEN"
@@ -75,10 +75,16 @@ NO_FACTS = {
     "certificate_limit",
     "levels",
     "options_unused",
+    "n_A",
+    "n_A_by_purpose",
+    "inner_steps",
+    "inner_iterations",
+    "eff",
 }
-"""Entries of a summary that are rounding, or of the machine and the day."""
+"""Entries of a summary that are rounding, or of the machine and the day, or products, of which other kernels of BLAS
+take one more or less."""
 
-TOLD_TWICE = ("converged", "order", "eff", "n", "m", "displacement_max", "displacement_max_at")
+TOLD_TWICE = ("converged", "order", "n", "m", "displacement_max", "displacement_max_at")
 """Entries that follow from others by a line, which transcripts have."""
 
 NAMED = ("bodies", "contacts", "rigid", "errors", "loads", "reactions", "points", "derivatives")
@@ -142,15 +148,15 @@ class Facts:
             sizes[quantity(name)] = max(sizes[quantity(name)], float(np.nanmax(x, initial=0.0)))
         for name, values in numbers.items():
             size = sizes[quantity(name)] if quantity(name) else 0.0
-            if name.endswith("error"):
-                size = 1.0
+            if name.endswith(("error", "utilisation")):
+                size = 1.0  # shares
             self.groups[name + suffix] = (np.size(values), folded(np.asarray(values, float), size))
 
     def say(self, text: str) -> None:
         """A text, without its numbers and without folders."""
         if UNTOLD.search(text):
             return
-        text = re.sub(r"/\S*/", "…/", text)
+        text = re.sub(r"/\S*/", "…/", re.sub(r"n_A = \d+", "n_A", text))
         found = [float(number.replace("−", "-")) for number in NUMBER.findall(text)]
         numbers = [x if abs(x) > TINY else 0.0 for x in found]
         bare = " ".join(NUMBER.sub("#", text).split())
@@ -211,7 +217,7 @@ def of_answer(answer: Any, facts: Facts, suffix: str) -> None:
             if isinstance(values, np.ndarray):
                 numbers[f"fields.{name}"].extend(values.ravel().tolist())
     for name in answer.history.dtype.names or ():
-        if name not in ("update", "residual", "inner_precision"):
+        if name not in ("update", "residual", "inner_precision", "n_A"):
             numbers[f"history.{name}"] = answer.history[name].tolist()
     facts.add(numbers, suffix)
     for text in (*texts, *repr(answer).splitlines()[1:]):
@@ -294,6 +300,10 @@ def shake(material: Any, factor: float) -> None:
 # Records in a file
 
 
+def file_of(folder: str) -> Path:
+    return HERE / f"{folder}.txt"
+
+
 def short(text: str) -> str:
     return hashlib.sha256(text.encode()).hexdigest()[:5]
 
@@ -360,7 +370,7 @@ def approved(folder: str) -> dict[str, Facts]:
     named: dict[str, dict[str, str]] = {"group": {}, "text": {}, "set": {}}
     tests: dict[str, Facts] = {}
     function, facts = "", Facts()
-    for line in (HERE / f"{folder}.txt").read_text(encoding="utf-8").splitlines()[2:]:
+    for line in file_of(folder).read_text(encoding="utf-8").splitlines()[2:]:
         word, _, rest = line.strip().partition(" ")
         if word in named and line.startswith(word):
             key, _, text = rest.partition(" ")
@@ -384,7 +394,7 @@ def approved(folder: str) -> dict[str, Facts]:
 
 def former(folder: str) -> dict[str, Facts]:
     """The records of a folder, none before the first ones are written."""
-    return approved(folder) if (HERE / f"{folder}.txt").is_file() else {}
+    return approved(folder) if file_of(folder).is_file() else {}
 
 
 def differences(found: Facts, kept: Facts) -> list[str]:
@@ -440,8 +450,9 @@ def name_of(item: Any) -> str:
 
 
 def has_record(item: Any) -> bool:
-    """Whether a test is to have one: a quick one of one rank in a folder with records."""
-    if item.path.parent.name not in RECORDED:
+    """Whether a test is to have one: a quick one of one rank in a folder with records, or that is to have them."""
+    folder = item.path.parent.name
+    if folder not in RECORDED or not (file_of(folder).is_file() or WRITTEN in os.environ):
         return False
     return not any(item.get_closest_marker(name) for name in ("slow", "mpi"))
 

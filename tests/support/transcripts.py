@@ -33,6 +33,8 @@ TINY = 1e-9
 
 MASKS = {
     r"/\S*/": "…/",
+    r"n_A = \d+": "n_A",
+    r"(\d )?\bsolves \d+ with|\b\d+ solves\b": "solves",
     r"\d{4}-\d\d-\d\d[T ][\d:.]+Z?( \w+ \d+)?": "DATE",
     r"\b0\.\d+\.\d+\b": "VERSION",
     r"on \w+, (\d+ ranks?), ddmpi": r"on HOST, \1, ddmpi",
@@ -77,7 +79,7 @@ def table(text: str) -> Iterator[str]:
         values = [as_number(row[k]) for row in rows]
         if len(rows) > MANY and all(isinstance(value, float) for value in values):
             values = [float(len(values)), fold(values)]
-        if name not in ("seconds", "update", "residual"):
+        if name not in ("seconds", "update", "residual", "n_A", "eff"):
             yield f"{name}: {numbers(values)}"
 
 
