@@ -22,6 +22,7 @@ from ddmpi.decks.cards import (
     Notes,
     axes,
     called,
+    shape,
 )
 from ddmpi.decks.deck import Deck, refuse_lost
 from ddmpi.decks.equations import Equations
@@ -213,8 +214,9 @@ class Importer:
         assert fits
         changed = [f"{name} as {block.name}: {VARIANTS[fits[3]]}"] if VARIANTS[fits[3]] else []
         if not kept:
-            cut = f"{block.name} cut into quadratic {CUT.get(block.kind)}: linear ones would be too stiff"
-            return None, changed + [cut] * linear
+            cut = f"{block.name} cut into quadratic {CUT.get(shape(block.kind))}"
+            cut += ": linear ones would be too stiff" * linear
+            return None, changed + [cut] * (shape(block.kind) in CUT)
         if self.order > 1:
             raised = [f"{block.name} becomes quadratic, as other elements are"] * linear
             little = f"{name}: reduced integration with a thousandth of the full one, against hourglass modes"

@@ -53,6 +53,20 @@ def removed(more: str) -> str:
     return law + PRESS + step(*more.split("|"))
 
 
+def wedge() -> str:
+    """A wedge of order 2 that is pressed from above."""
+    corners = [(x, y, z) for z in (0.0, 1.0) for x, y in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0))]
+    ends = [(0, 1), (1, 2), (2, 0), (3, 4), (4, 5), (5, 3), (0, 3), (1, 4), (2, 5)]
+    middles = [
+        [0.5 * (a + b) for a, b in zip(corners[i], corners[j], strict=True)] for i, j in ends
+    ]
+    nodes = "".join(f"{k}, {x}, {y}, {z}\n" for k, (x, y, z) in enumerate([*corners, *middles], 1))
+    element = ", ".join(map(str, [1, *range(1, 16)]))
+    body = f"*NODE\n{nodes}*ELEMENT, TYPE=C3D15, ELSET=A\n{element}\n{STEEL}"
+    held = "*SOLID SECTION, ELSET=A, MATERIAL=STEEL\n*NSET, NSET=A_Z0\n1, 2, 3\n*BOUNDARY\nA_Z0, 1, 3\n"
+    return body + held + step("*DLOAD", "1, P2, 1.")
+
+
 TWO_SETS = COUPLED + "*RIGID BODY, NSET=A_Z1, REF NODE=900\n"
 
 SIDES = {
@@ -89,6 +103,7 @@ SIDES = {
         BOX + faces + ROLLERS + PULL
         for faces in ("*ELEMENT, TYPE=CPS4, ELSET=F\n91, 1, 2, 5, 4\n", "")
     ],
+    "C3D15 cut into quadratic tetrahedra": [wedge(), BOX + ROLLERS + PULL],
     "the material STEEL has no *ELASTIC": [
         BOX.replace("*ELASTIC\n210000., 0.3\n", "") + ROLLERS + PULL,
         BOX + ROLLERS + PULL,
