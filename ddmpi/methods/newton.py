@@ -59,7 +59,8 @@ line search takes a quarter more steps. In the plane without Coulomb friction th
 steps seldom cycle there. With a model of the compliance no step does."""
 
 ERROR = 10.0
-"""The forces have converged when their estimated error is below this times the tolerance."""
+"""The forces have converged when their estimated error is below this times the tolerance; of forces that contacts share
+at a node, that of what they do to gaps."""
 
 NEGLECTED = 0.01
 """Error of a product by an iterative solver that is kept, over the error that the tolerance allows."""
@@ -102,6 +103,10 @@ class Iterate(NamedTuple):
         """Whether residual and estimated error are small; guessed active sets may fit by chance."""
         guessed = self.guess and self.residual > 0.0
         return self.residual <= tolerance and self.error <= ERROR * tolerance and not guessed
+
+    def creeps(self, before: Iterate) -> bool:
+        """Whether a step from `before` has gained little of the little that was left; those from a guess tell nothing."""
+        return not before.guess and PROGRESS * before.residual < self.residual < NEARLY
 
 
 class Newton(Outer):
@@ -248,6 +253,8 @@ class Newton(Outer):
         if at.misfit is None:  # the forces were moved onto their bounds; the gaps must follow
             joint.neglected = NEGLECTED * tolerance * at.size
             at = self._look(at)
+        if at.guess and at.residual <= tolerance:  # as where loads stay; a guess leads away
+            at = at._replace(guess="", error=math.inf)
         at, end = self._own_steps(at, tolerance, PATIENCE)
         for kind in PATHS if len(joint.e) else PATHS[::-1]:
             if end:
@@ -291,10 +298,10 @@ class Newton(Outer):
             by = of_path or Regularisation(shared=shared, forcing=precision * shared)
             full, before = not stalled and len(self.history) < full_until, at
             with event("NewtonStep"):
-                at = self._took(at, self._newton_step(at, by, stalled, full), by)
+                at = self._took(at, self._newton_step(at, by, stalled, full, tolerance), by)
             if not self.history[-1].update:
                 stalled = patience  # the next step would be the same
-            if softens and PROGRESS * before.residual < at.residual < NEARLY:
+            if softens and at.creeps(before):
                 # the parts may be large on the way, so that full steps gain nothing at first
                 softens, shared, stalled, full_until = False, SOFT, 0, len(self.history) + PATIENCE
 
@@ -319,13 +326,23 @@ class Newton(Outer):
         self, before: Iterate, after: Iterate, by: Regularisation, stage: str = ""
     ) -> Iterate:
         """Note a step; returns the iterate after it with its estimated error. Collective."""
-        moved = self.joint.space.norm(after.point.s - before.point.s)
-        update = moved / after.size if after.size else 0.0
+        moved = before.point.along(after.point, -1.0)
+        update, determined = self._sizes(moved) / after.size if after.size else (0.0, 0.0)
         # as if the next step shrank like the residual
-        error = update * after.residual / before.residual if before.residual else 0.0
-        self._at = after._replace(error=error)
+        error = determined * after.residual / before.residual if before.residual else 0.0
+        self._at = after._replace(error=max(error, after.error))
         self._note(after.residual, update, by.forcing, stage)
         return self._at
+
+    def _sizes(self, change: Point) -> np.ndarray:
+        """The norms (2,) of a change of forces, and of what the equations determine of it (N). Collective.
+
+        Where contacts share the force of a node, this is what it does to gaps: forces around a loop of contacts that
+        stick change no gap, so that any of them are an answer.
+        """
+        shared = self.preconditioner.shared > 0.0
+        determined = np.where(shared, self.preconditioner.c * change.r, change.s)
+        return np.array(self.joint.space.norms([change.s, determined]))
 
     def _note(self, residual: float, update: float, precision: float, stage: str = "") -> None:
         number, products = len(self.history) + 1, self.joint.multiplications()
@@ -401,9 +418,11 @@ class Newton(Outer):
             for of_laws, point in zip(contact, points, strict=True)
         ]
 
-    def _newton_step(self, at: Iterate, by: Regularisation, stalled: int, full: bool) -> Iterate:
-        """Go towards the forces that the active sets of the iterate imply, as far as it helps, or `full` steps.
-        Collective."""
+    def _newton_step(
+        self, at: Iterate, by: Regularisation, stalled: int, full: bool, tolerance: float
+    ) -> Iterate:
+        """Go towards the forces that the active sets of the iterate imply, as far as it helps, or `full` steps; stay
+        where the step only tells that the iterate is an answer. Collective."""
         model, change = self._modelled, None
         if (
             model and by.shared == 1.0 and not by.precise and not stalled % 2
@@ -415,7 +434,13 @@ class Newton(Outer):
             change = self.direction(at.point, *self._linearised(at), by=by)
         misfit, length = self._length(at, change, GROWTH / by.shared if full else GAIN)
         point = self.joint.soften(at.point.along(change, length))
-        return Iterate(point, self._size(point.s), misfit)
+        after = Iterate(point, self._size(point.s), misfit)
+        if after.residual <= at.residual or at.residual > tolerance:
+            return after
+        # Around a loop of sticking contacts gaps sum up to what the tolerance has left of them in the load step before.
+        # No force closes this sum, but steps lead on and on along the loop. The full step is the error of the iterate.
+        stays = at._replace(error=self._sizes(change)[1] / (at.size or 1.0))
+        return stays if stays.is_answer(tolerance) else after
 
     def _linearised(self, at: Iterate) -> tuple[Linearised, np.ndarray, np.ndarray, np.ndarray]:
         """What `direction` takes, for the status of nodes that the iterate has. Collective."""

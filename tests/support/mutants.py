@@ -34,6 +34,7 @@ LAW, SIDES, LEGS = (
     "coupling/test_exchange.py",
 )
 HELD = "scenes/test_held_motions.py"
+SHARES = "methods/test_newton.py::test_contacts_that_share_a_force_leave_it_where_loads_stay"
 PRODUCTS, RARER = (
     "products/test_products.py::test_a_feature_in_a_kind_of_scene",
     "products/test_rarer.py",
@@ -377,6 +378,27 @@ MUTANTS = [
             "(False, SOFT, 0, len(self.history) + PATIENCE)",
             "(False, 1.0, 0, len(self.history) + PATIENCE)",
             f"{HELD}::test_shares_of_a_force_settle_to_any_tolerance",
+        ),
+        (
+            "forces around a loop of contacts are determined",
+            "methods/newton",
+            "np.where(shared, self.preconditioner.c * change.r, change.s)",
+            "change.s",
+            SHARES,
+        ),
+        (
+            "a guess leads away from an answer",
+            "methods/newton",
+            "at.guess and at.residual <= tolerance",
+            "False",
+            SHARES,
+        ),
+        (
+            "steps lead away from an answer",
+            "methods/newton",
+            "after.residual <= at.residual or at.residual > tolerance",
+            "True",
+            SHARES,
         ),
         (
             "corners on planes of symmetry count",
