@@ -45,7 +45,7 @@ MANY = 12
 """Numbers of a line, above which they are folded."""
 
 UNTOLD = re.compile(
-    r"at work for|of memory|memory at most|^\w+ \d+ \d+ preonly|processor|seconds|cores|^command ddmpi|^\s*$"
+    r"at work for|of memory|memory at most|^\w+ \d+ \d+ preonly|processor|seconds|cores|^command ddmpi|^versions ddmpi|^\s*$"
     r"|^\w+ \d+\.\d\d [a-z]"  # of a phase in a report
     r"|^ +\d+ +[\d.]+ +[\d.]+ ± "  # of a mesh
     r"|^equilibrium .* holds "  # in which body it is worst
