@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -44,14 +44,15 @@ from ddmpi.scene.bodies import Material, SettledBody
 from ddmpi.scene.contacts import PAIR, Coulomb, Friction, SettledContact, Tresca
 from ddmpi.scene.motions import frames_of
 from ddmpi.scene.scene import Settled
+from ddmpi.scene.values import tables
 from ddmpi.surface.side import Located, Side
 from ddmpi.system import interrupt
 from ddmpi.system.agreement import agreed, gathered
 from ddmpi.system.clock import Clock, now_at
-from ddmpi.system.doubts import condensed
+from ddmpi.system.doubts import Doubt, condensed
 from ddmpi.system.logs import PROGRESS
 from ddmpi.system.memory import free_memory
-from ddmpi.system.numbers import Frame, in_words
+from ddmpi.system.numbers import ALIKE, Frame, in_words
 
 NO_SIZES: Mapping[str, Sizes] = {}
 
@@ -425,10 +426,39 @@ def _idle(scene: Settled) -> list[str]:
         for name in scene.history
         if name not in scene.followed
     ]
+    idle += _unreached(scene)
     needed = scene.far and len(scene.legs) == 1  # bodies that move far are in load steps
     if scene.time is not None and not scene.followed and not needed:
         idle.append("time: nothing follows a history; the loads are the same in all load steps")
     return idle
+
+
+def _unreached(scene: Settled) -> Iterator[str]:
+    """Warnings of histories that the load steps cut off, or in which they meet nothing but zeros."""
+    if scene.time is None:
+        return
+    end = scene.time.points[-1]
+    for name in scene.followed:
+        history = scene.history[name]
+        most, last = max(map(abs, history.factors)), history.at(end)
+        later = [
+            factor - last if time > end else 0.0
+            for time, factor in zip(history.times, history.factors, strict=True)
+        ]
+        k = int(np.argmax(np.abs(later)))
+        if abs(later[k]) > ALIKE * most:
+            yield Doubt(
+                f"history.{name}: the load steps end at time {end:g} with its factor {last:g}; they do not reach its "
+                f"factor {history.factors[k]:g} at time {history.times[k]:g}",
+                "history that goes on",
+                abs(later[k]) / most,
+            )
+        elif not any(map(history.at, scene.legs)):
+            keys = (key for key, table in tables(scene) if getattr(table, "history", None) == name)
+            yield Doubt(
+                f"history.{name}: its factor is 0 at the ends of all legs, and with it {', '.join(keys)}",
+                "history of zeros",
+            )
 
 
 def _join(

@@ -1478,6 +1478,20 @@ def unfollowed(past: bool) -> dict:
     return scene | {"history": {"way": curve, "other": curve}, "time": {"points": [1.0]}}
 
 
+def cut_off(past: bool) -> dict:
+    """A load whose history goes on after the load steps with another factor, or with the one at their end."""
+    load = {"on": "top", "value": [0.0, LOAD], "history": "way"}
+    curve = {"times": [0.0, 1.0, 1.5], "factors": [0.0, 0.4, 0.4 + 3e-9 * past]}
+    return alone(traction=[load]) | {"history": {"way": curve}, "time": {"points": [1.0]}}
+
+
+def of_zeros(past: bool) -> dict:
+    """A support that follows a history of zeros, or of next to nothing."""
+    held = [*STRAIN.guides(), {"on": "top", "y": -1e-5, "history": "way"}]
+    curve = {"times": [1.0, 2.0], "factors": [0.0, 0.0 if past else 1e-300]}
+    return alone(clamp=held) | {"history": {"way": curve}, "time": {"points": [1.0, 2.0]}}
+
+
 def constant(past: bool) -> dict:
     """Bodies that move far are in load steps, also without a history; a second step with the same loads is meant for one."""
     scene = few(False)
@@ -1605,6 +1619,8 @@ SOLVED = [
     Solved("linear elements lock at nu = 0.48", locking),
     Solved("rigid.far: no contact names it; nothing touches it", idle),
     Solved("history.other: nothing follows it", unfollowed),
+    Solved("they do not reach its factor 0.4 at time 1.5", cut_off),
+    Solved("its factor is 0 at the ends of all legs, and with it body.block.clamp.", of_zeros),
     Solved("the loads are the same in all load steps", constant),
     Solved("times the distance of their neighbours", moved_on),
     Solved("times its radius, as at", around),
