@@ -90,7 +90,7 @@ def write_check(
         "names": [contact.name for contact in scene.contact],
         "words": "as drawn; click a face" + scenery.coarsened,
     }
-    return write_page(path, page_of(results, head, arrays), "page")
+    return write_page(path, page_of(results, head, arrays, "page"), "page")
 
 
 def _field(name: str, title: str, colours: list[str], labels: Sequence[str] = ()) -> dict[str, Any]:

@@ -110,10 +110,11 @@ def _page(results: Results, folder: Path) -> str:
     return page_of(results, scene.head(), scene.arrays)
 
 
-def page_of(results: Results, head: dict[str, Any], arrays: Arrays) -> str:
-    """A page that shows `arrays` as its `head` says."""
+def page_of(results: Results, head: dict[str, Any], arrays: Arrays, kind: str = "view") -> str:
+    """A page of a `kind` that `write_page` knows, which shows `arrays` as its `head` says."""
     return string.Template(view_template()).substitute(
         version=__version__,
+        kind=kind,
         title=escape(results.summary["title"] or ", ".join(results.summary["bodies"])),
         head=json.dumps(head).replace("<", "\\u003c"),
         data=arrays.packed(),

@@ -6,6 +6,7 @@ import contextlib
 import io
 import math
 import os
+import re
 import socket
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -97,12 +98,18 @@ def writing(path: Path) -> Iterator[None]:
         ) from None
 
 
+def _kinds(head: bytes) -> list[str]:
+    """The kinds of page, of those that ddmpi writes, that a file may be by its first lines."""
+    found = re.search(rb'<meta name="generator" content="ddmpi [^" ]+ ?(\w*)">', head)
+    # until version 0.22 reports had no kind, and pages of checks were views
+    former = {"": ["report"], "view": ["view", "page"]}
+    return former.get(kind := found[1].decode(), [kind]) if found else []
+
+
 def write_page(path: Path, page: str, what: str) -> Path:
-    """Write a page of HTML, such as a "report"; its path. One that ddmpi wrote is overwritten, any other file is not.
-    Raises InputError, OutputError. Not collective."""
-    if path.exists() and not (
-        path.is_file() and b'<meta name="generator" content="ddmpi ' in path.read_bytes()[:1000]
-    ):
+    """Write a page of HTML, such as a "report"; its path. One of this kind that ddmpi wrote is overwritten, any other
+    file is not. Raises InputError, OutputError. Not collective."""
+    if path.exists() and not (path.is_file() and what in _kinds(path.read_bytes()[:1000])):
         raise InputError(
             f"--output {path}: is there already, and no {what} of ddmpi; name another file"
         )

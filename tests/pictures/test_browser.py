@@ -1,5 +1,7 @@
 """view.html: one file that turns the results in a browser."""
 
+import contextlib
+import itertools
 import json
 import re
 
@@ -10,10 +12,12 @@ from browser import in_browser, opened, unpacked
 from made_up_solids import stacked
 from scenes import call, pinched_blocks, rectangle, run_here, write_scene
 
+from ddmpi.cli.report import write_report
 from ddmpi.errors import InputError
 from ddmpi.pictures.browser import _page, write_view
 from ddmpi.pictures.moved import magnify
 from ddmpi.results.tables import read_results
+from ddmpi.system.files import write_page
 
 
 def test_a_view_has_what_the_results_have(tmp_path):
@@ -127,12 +131,22 @@ def test_contacts_of_bodies_that_move_far_are_painted_where_they_are(tmp_path):
 
 
 def test_a_view_overwrites_nothing_else(tmp_path):
+    """Nor does a report overwrite a view, or a page of a check either; those of version 0.22 are known, too."""
     stacked(tmp_path)
     other = tmp_path / "notes.html"
     other.write_text("mine")
     with pytest.raises(InputError, match="no view of ddmpi"):
         write_view(tmp_path, str(other))
     assert other.read_text() == "mine" and write_view(tmp_path) == write_view(tmp_path)
+    with pytest.raises(InputError, match="no report of ddmpi"):
+        write_report(tmp_path, str(tmp_path / "view.html"))
+    assert write_report(tmp_path) == write_report(tmp_path)
+    pages = {"": {"report"}, " report": {"report"}, " view": {"view", "page"}, " page": {"page"}}
+    for words, kind in itertools.product(pages, ("report", "view", "page")):
+        other.write_text(f'<meta name="generator" content="ddmpi 0.22.0{words}">', "utf-8")
+        known = kind in pages[words]
+        with contextlib.nullcontext() if known else pytest.raises(InputError):
+            write_page(other, "", kind)
 
 
 def test_without_equilibrium_there_is_no_view(tmp_path):
