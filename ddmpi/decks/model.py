@@ -349,8 +349,8 @@ class Model:
         if abs(first - before) <= EXACT * max(abs(value) for _, value in on):
             return then
         self.jumps.append(card)
-        soon = begin + SUDDEN * (on[-1][0] - begin)
-        return [(soon, first), *(point for point in then if point[0] > soon)]
+        soon = min(begin + SUDDEN * (then[-1][0] - begin), 0.5 * (begin + then[0][0]))
+        return [(soon, first), *then]
 
     def _goes_on(self, card: Card) -> bool:
         """Whether a load follows an amplitude of the total time, in later steps too."""
@@ -386,10 +386,11 @@ class Model:
             + (0.0 if self._goes_on(card) else begin)
             + table[:, 0]
         )
-        if (jumps := np.flatnonzero(np.diff(times) == 0.0)).size:
-            self.jumps.append(card)
-            times[jumps] -= SUDDEN * (end - begin)
-            times = np.maximum.accumulate(times)
+        for k in np.flatnonzero(np.diff(times) == 0.0).tolist():
+            if begin < times[k] <= end:
+                self.jumps.append(card)
+            last = times[k - 1] if k else -np.inf
+            times[k] = max(times[k] - SUDDEN * (end - begin), 0.5 * (last + times[k]))
         inner = np.unique(times[(times > begin) & (times < end)]).tolist()
         return [
             (time, value * float(np.interp(time, times, table[:, 1])))

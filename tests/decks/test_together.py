@@ -533,6 +533,20 @@ JUMPS = {
         [0.0, 0.001, 1.0, 2.0],
         [0.0, 1.0, 1.0, 0.0],
     ),
+    "what an amplitude does within this thousandth stays": (
+        "*AMPLITUDE, NAME=ONE\n0., 1., 4e-4, 0., 0.5, 0., 0.5002, 0.5, 0.5002, 0., 1., 0.\n"
+        + FIRST
+        + step("*DLOAD, AMPLITUDE=ONE", "10, P2, 1."),
+        [0.0, 1.0, 1.0002, 1.0004, 1.5, 1.5001, 1.5002, 2.0],
+        [0.0, 0.0, 1.0, 0.0, 0.0, 0.5, 0.0, 0.0],
+    ),
+    "a jump after the step is none": (
+        "*AMPLITUDE, NAME=ONE\n0., 0., 1., 1., 3., 1., 3., 0.\n"
+        + step("*DSLOAD, AMPLITUDE=ONE", "S, P, 1.")
+        + step("*DSLOAD", "S, P, 0."),
+        [0.0, 1.0, 2.0],
+        [0.0, 1.0, 0.0],
+    ),
     "an amplitude that begins where the load is does not jump": (
         ONE + FIRST + step("*DSLOAD, AMPLITUDE=ONE", "S, P, 1."),
         [0.0, 1.0, 2.0],
