@@ -239,7 +239,7 @@ class Acts:
             if (element, face) not in self.where:
                 if acting.moves:
                     words = "a pressure on a face that is not on a boundary"
-                    words += ", which the axis is not" * self.axisymmetric
+                    words += "; those on the axis are not" * self.axisymmetric
                     self.notes.lost(acting.card, words)
                 continue
             piece, facet = self.where[element, face]

@@ -234,7 +234,7 @@ class Equations:
         here = first.points[np.searchsorted(first.nodes, a)]
         there = second.points[np.searchsorted(second.nodes, b)]
         off = here - there @ tie.Q.T
-        close = CLOSE * np.ptp(first.points)
+        close = CLOSE * np.ptp(first.points, axis=0).max()
         near = np.linalg.norm(off - off[tie.lead], axis=1) <= close
         fits = np.array(
             [at and self._says(one, tie) for one, at in zip(left, near, strict=True)], bool

@@ -190,7 +190,7 @@ class Piece:
         _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
         alone = count[number.ravel()] == 1
         if around:
-            axis = np.abs(self.points[:, 0]) <= EXACT * np.ptp(self.points)
+            axis = np.abs(self.points[:, 0]) <= EXACT * np.ptp(self.points, axis=0).max()
             alone &= ~np.isin(every, [*self.nodes[axis], -1]).all(axis=1)
         self.facets = np.where(every[alone] < 0, -1, np.searchsorted(self.nodes, every[alone]))
         self.owners = owners[alone]

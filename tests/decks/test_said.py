@@ -67,6 +67,13 @@ def wedge() -> str:
     return body + held + step("*DLOAD", "1, P2, 1.")
 
 
+def ring(bore: float) -> str:
+    """A ring far away along its axis, with a pressure in its bore."""
+    body = grid("A", (2, 2), (1.0, 1.0), [bore, 1000.0], kind="CAX4") + STEEL
+    held = "*SOLID SECTION, ELSET=A, MATERIAL=STEEL\n*BOUNDARY\nA_Y0, 2\n"
+    return body + held + step("*DLOAD", "1, P4, 1.")
+
+
 TWO_SETS = COUPLED + "*RIGID BODY, NSET=A_Z1, REF NODE=900\n"
 
 SIDES = {
@@ -102,6 +109,10 @@ SIDES = {
     "elements of type CPS4 without a section are left out": [
         BOX + faces + ROLLERS + PULL
         for faces in ("*ELEMENT, TYPE=CPS4, ELSET=F\n91, 1, 2, 5, 4\n", "")
+    ],
+    "a face that is not on a boundary; those on the axis are not": [
+        ring(0.0),
+        ring(1e-4),
     ],
     "C3D15 cut into quadratic tetrahedra": [wedge(), BOX + ROLLERS + PULL],
     "the material STEEL has no *ELASTIC": [
