@@ -80,7 +80,10 @@ def are_upright(corners: np.ndarray, shape: str) -> np.ndarray:
     return (turn > 0.0).all(axis=1) | (turn < 0.0).all(axis=1)
 
 
-FAMILIES = re.compile(r"(C3D|CPE|CPS|CAX)(\d+)([A-Z]*)$")
+SOLID = ("C3D", "CPE", "CPS", "CAX")
+"""Families of elements that a scene may have."""
+
+FAMILIES = re.compile(rf"({'|'.join(SOLID)})(\d+)([A-Z]*)$")
 """Elements that a scene may have: family, nodes and variant."""
 
 SHAPELESS = ("MASS", "ROTARYI", "SPRING", "DASHPOT", "CONN", "GAP", "DCOUP")
@@ -185,8 +188,8 @@ PARAMETERS = {
         "STATIC": "DIRECT SOLVER STABILIZE ALLSDTOL CONTINUE FACTOR",
         "BOUNDARY": OVER_TIME + "TYPE FIXED SUBMODEL USER STEP",
         "CLOAD": OVER_TIME + "FOLLOWER",
-        "DLOAD": OVER_TIME + "FOLLOWER",
-        "DSLOAD": OVER_TIME + "FOLLOWER",
+        "DLOAD": OVER_TIME + "FOLLOWER CONSTANTRESULTANT",
+        "DSLOAD": OVER_TIME + "FOLLOWER CONSTANTRESULTANT",
         "TEMPERATURE": OVER_TIME + "FILE USER",
         "RESTART": "WRITE FREQUENCY OVERLAY NUMBERINTERVAL TIMEMARKS TIMEINTERVAL SINGLE",
         "MODELCHANGE": "TYPE REMOVE ADD",
@@ -198,7 +201,7 @@ PARAMETERS = {
         "CONTACTPAIR": "INTERACTION TYPE SMALLSLIDING ADJUST MECHANICALCONSTRAINT CPSET EXTENSIONZONE HCRIT NOTHICKNESS "
         "SMOOTH TRACKING SUPPLEMENTARYCONSTRAINTS SLIDINGTRANSITION",
         "CLEARANCE": "SLAVE MASTER VALUE",
-        "PRE-TENSIONSECTION": "SURFACE NODE",
+        "PRE-TENSIONSECTION": "SURFACE NODE ELEMENT",
         "TIE": "NAME ADJUST POSITIONTOLERANCE TYPE NOROTATION NOTHICKNESS CONSTRAINTRATIO CYCLICSYMMETRY",
         "CYCLICSYMMETRYMODEL": "N TIE NGRAPH ELSET CHECK",
         "RIGIDBODY": "NSET TIENSET REFNODE ROTNODE ELSET PINNSET ANALYTICALSURFACE",
@@ -218,7 +221,7 @@ VALUES = {
         "AMPLITUDE TIME": "STEPTIME TOTALTIME",
         "STEP AMPLITUDE": "STEP RAMP",
         "SURFACE TYPE": "NODE ELEMENT",
-        "CONTACTPAIR TYPE": "NODETOSURFACE SURFACETOSURFACE MORTAR LINMORTAR PGLINMORTAR",
+        "CONTACTPAIR TYPE": "NODETOSURFACE SURFACETOSURFACE MORTAR LINMORTAR PGMORTAR PGLINMORTAR",
         "ELASTIC TYPE": "ISO ISOTROPIC ANISO ANISOTROPIC ORTHO ORTHOTROPIC ENGINEERINGCONSTANTS",
         "EXPANSION TYPE": "ISO ISOTROPIC ANISO ANISOTROPIC ORTHO ORTHOTROPIC",
     }.items()
@@ -616,7 +619,8 @@ def _read(path: Path, cards: list[Card], within: tuple[Path, ...], read: list[Pa
                 raise DeckError(
                     f"line {number} of {path.name}: data without a keyword, such as *NODE"
                 )
-            cards[-1].rows.append([entry.strip() for entry in line.rstrip(", ").split(",")])
+            words = line.replace('"', "").rstrip(", ").split(",")
+            cards[-1].rows.append([*map(str.strip, words)])
             continue
         while line.endswith(",") and lines and _goes_on(line, lines[0][1]):
             line += lines.popleft()[1]

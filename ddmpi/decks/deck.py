@@ -196,11 +196,11 @@ class Deck:
             if word.isdigit():
                 found.append(self._first[scope] + integer(word))
                 continue
-            key = self._found(kind, scope, word.strip('"'))
+            key = self.key(kind, scope, word)
             if key is not None:
                 self._taken.setdefault((kind, key), card)
             so_far = None if key is None else len(self.sets[kind][key])
-            found.append((scope, word.strip('"'), so_far))
+            found.append((scope, word, so_far))
         if card.word in ("NSET", "ELSET", "SURFACE"):
             self._listed.append((card, kind, [one for one in found if isinstance(one, int)]))
         return found
@@ -214,9 +214,9 @@ class Deck:
                 more = f" and {len(missing) - 1} more" * (len(missing) > 1)
                 yield card, f"there is no {what} {missing[0] % STRIDE}{more}"
 
-    def key(self, kind: str, scope: str, *names: str) -> str | None:
-        """The key of a set or surface of one of these names, the first of which may be one of an instance `scope`."""
-        keys = [called(f"{scope}.{names[0]}"), *map(called, names)]
+    def key(self, kind: str, scope: str, name: str) -> str | None:
+        """The key of a set or surface that is named within the instance `scope`: its own one, or one of the assembly."""
+        keys = called(f"{scope}.{name}"), called(name)
         return next((key for key in keys if key in self.sets[kind]), None)
 
     def members(self, kind: str, what: Entry, within: tuple[str, ...] = ()) -> set[int]:
@@ -227,7 +227,7 @@ class Deck:
         inside, _, last = called(word).rpartition(".")
         if last.isdigit() and inside in self._first:  # a node of an instance
             return {self._first[inside] + integer(last)}
-        name = self._found(kind, scope, word)
+        name = self.key(kind, scope, word)
         if name is None or name in within:
             raise DeckError(
                 f"there is no set {word}" if name is None else f"the set {word} contains itself"
@@ -236,10 +236,6 @@ class Deck:
         within = (*within, name) if of == kind else ()
         entries = self.sets[kind][name][: so_far[0] if so_far else None]
         return set().union(*(self.members(of, member, within) for member in entries))
-
-    def _found(self, kind: str, scope: str, word: str) -> str | None:
-        """The key of a set that is named within an instance; one of another instance is no other one of that name."""
-        return self.key(kind, scope, word)
 
     def chosen(self, card: Card, kind: str, word: str) -> set[int]:
         """The numbers of nodes or elements that a data line of `card` names, by set or number, and that are there.
@@ -250,9 +246,8 @@ class Deck:
         found = self.members(kind, self._entries(card, kind, [word])[0]) & known
         if not found:
             what = "element" if kind == "ELSET" else "node"
-            raise DeckError(
-                f"there is no {what} {word}" if word.isdigit() else f"the set {word} is empty"
-            )
+            one = word.rpartition(".")[2].isdigit()
+            raise DeckError(f"there is no {what} {word}" if one else f"the set {word} is empty")
         return found
 
     def ends(self, card: Card, name: str) -> list[End]:

@@ -760,7 +760,7 @@ class Model:
     def _in_order(self, card: Card, what: str) -> list[int]:
         """The nodes of a set, or of a number, ascending, or as they are given in a set that is UNSORTED."""
         found = self._nodes(card, what)
-        key = self.deck.key("NSET", card.scope, what.strip('"'))
+        key = self.deck.key("NSET", card.scope, what)
         if key is None or key not in self.deck.unsorted:
             return sorted(found)
         given = dict.fromkeys(self.deck.sets["NSET"][key])

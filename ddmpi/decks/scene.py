@@ -13,6 +13,7 @@ from ddmpi.decks.cards import (
     EXACT,
     FAMILIES,
     PARAMETERS,
+    SOLID,
     VALUES,
     Block,
     Card,
@@ -170,8 +171,8 @@ class Importer:
         return families.popitem()
 
     def _structural(self) -> list[Block]:
-        """The elements without those of other families than of elements with sections, which have none: programs that
-        draw meshes write the faces of solids as such ones. Rigid elements need none."""
+        """The elements; where some that a scene may have are in sections, without those of other families that are in
+        none: programs that draw meshes write the faces of solids as such ones. Rigid elements need no section."""
         found: list[Block] = []
         own = set[int]()
         for card in self.deck.cards:
@@ -182,7 +183,7 @@ class Importer:
             _family(block) for block in self.deck.blocks if not own.isdisjoint(block.entries[:, 0])
         }
         for block in self.deck.blocks:
-            if not families or _family(block) in {"R", *families}:
+            if families.isdisjoint(SOLID) or _family(block) in {"R", *families}:
                 found.append(block)
             else:
                 words = f"elements of type {block.card.says('TYPE')} without a section are left out"

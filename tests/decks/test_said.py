@@ -110,6 +110,27 @@ SIDES = {
         BOX + faces + ROLLERS + PULL
         for faces in ("*ELEMENT, TYPE=CPS4, ELSET=F\n91, 1, 2, 5, 4\n", "")
     ],
+    "element 1 of A has no *SOLID SECTION": [
+        (BOX + "*ELEMENT, TYPE=S4, ELSET=F\n91, 1, 2, 5, 4\n" + ROLLERS + PULL).replace(*words)
+        for words in (
+            ("*SOLID SECTION, ELSET=A", "*SHELL SECTION, ELSET=F"),
+            ("*SHELL", "*SOLID"),
+        )
+    ],
+    "there is no surface SLAV": [
+        stack(PAIR, LAW, first=f'"{name}", "master"') + PRESS for name in ("SLAV", "slave")
+    ],
+    "there is no node low.9": [
+        placed().replace("low.ALL_Z0, 1, 3", f"low.{node}, 1, 3") for node in (9, 8)
+    ],
+    "TYPE=PGPGMORTAR is not possible": [
+        stack(f"{PAIR}, TYPE={kind}MORTAR".replace(", TYPE=SURFACE TO SURFACE", ""), LAW) + PRESS
+        for kind in ("PGPG", "PG")
+    ],
+    "its parameter CONSTANT is not possible": [
+        BOX + ROLLERS + "*SURFACE, NAME=S\n9, S2\n" + step(f"*DSLOAD, CONSTANT{way}", "S, P, 1.")
+        for way in ("", " RESULTANT=YES")
+    ],
     "a face that is not on a boundary; those on the axis are not": [
         ring(0.0),
         ring(1e-4),
