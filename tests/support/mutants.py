@@ -847,7 +847,7 @@ MUTANTS = [
         (
             "the axis of a deck has forces",
             "decks/pieces",
-            "np.abs(self.points[:, 0]) <= EXACT * np.ptp(self.points)",
+            "np.abs(self.points[:, 0]) <= EXACT * np.ptp(self.points, axis=0).max()",
             "self.points[:, 0] < 0.0",
             f"{TOGETHER}::test_forces_at_nodes_on_the_axis_are_on_the_faces_beside_it",
         ),
@@ -1064,8 +1064,8 @@ MUTANTS = [
         (
             "a set of an instance may be another one",
             "decks/deck",
-            "return self.key(kind, scope, word)",
-            "return self.key(kind, scope, word, word.rpartition('.')[2])",
+            "(called(f'{scope}.{name}'), called(name))",
+            "(called(f'{scope}.{name}'), called(name.rpartition('.')[2]))",
             f"{TOGETHER}::test_a_set_of_an_instance_is_no_other_set",
         ),
         (
