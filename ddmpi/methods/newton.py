@@ -60,7 +60,7 @@ steps seldom cycle there. With a model of the compliance no step does."""
 
 ERROR = 10.0
 """The forces have converged when their estimated error is below this times the tolerance; of forces that contacts share
-at a node, that of what they do to gaps."""
+at a node, that of what they do to bodies."""
 
 NEGLECTED = 0.01
 """Error of a product by an iterative solver that is kept, over the error that the tolerance allows."""
@@ -335,14 +335,11 @@ class Newton(Outer):
         return self._at
 
     def _sizes(self, change: Point) -> np.ndarray:
-        """The norms (2,) of a change of forces, and of what the equations determine of it (N). Collective.
+        """The norms (2,) of a change of forces, and of what it does to bodies (N). Collective.
 
-        Where contacts share the force of a node, this is what it does to gaps: forces around a loop of contacts that
-        stick change no gap, so that any of them are an answer.
+        Forces around a loop of contacts that stick at a node do nothing to bodies, so that any of them are an answer.
         """
-        shared = self.preconditioner.shared > 0.0
-        determined = np.where(shared, self.preconditioner.c * change.r, change.s)
-        return np.array(self.joint.space.norms([change.s, determined]))
+        return np.array(self.joint.space.norms([change.s, self.joint.at_bodies(change.s)]))
 
     def _note(self, residual: float, update: float, precision: float, stage: str = "") -> None:
         number, products = len(self.history) + 1, self.joint.multiplications()

@@ -382,7 +382,7 @@ MUTANTS = [
         (
             "forces around a loop of contacts are determined",
             "methods/newton",
-            "np.where(shared, self.preconditioner.c * change.r, change.s)",
+            "self.joint.at_bodies(change.s)",
             "change.s",
             SHARES,
         ),
