@@ -68,6 +68,7 @@ class Mechanism:
     bodies : the loose ones
     velocities : (nb, n) of each, as of `MotionsOfBody`; the fastest node has velocity 1
     imbalance : least loads that no forces balance, as a fraction of the loads on a body
+    load : the loads of which it is the fraction, for this motion (N)
     because : what follows the motion in words, where only the facets of meshes resist it
     """
 
@@ -75,6 +76,7 @@ class Mechanism:
     velocities: np.ndarray
     imbalance: float
     because: str = ""
+    load: float = 0.0
 
 
 def describe(mechanism: Mechanism) -> str:
@@ -126,7 +128,8 @@ def find_mechanism(
         if np.abs(v - before).max() <= SETTLED * np.abs(v).max():
             break
     velocities, speeds = free.velocities(v)
-    return Mechanism(tuple(bodies), velocities / speeds.max(), imbalance)
+    acting = float((speeds * free.loads).max() / speeds.max())
+    return Mechanism(tuple(bodies), velocities / speeds.max(), imbalance, load=acting)
 
 
 class _Free:
@@ -158,8 +161,8 @@ class _Free:
         )
         loads = np.maximum(net, load)
         self._largest = float(loads.max())
-        self._loads = np.maximum(loads, LIGHTEST[0] * self._largest)
-        self.idle = bool((net <= ALIKE * self._loads).all())
+        self.loads = np.maximum(loads, LIGHTEST[0] * self._largest)
+        self.idle = bool((net <= ALIKE * self.loads).all())
         masses = np.maximum(loads / (self._largest or 1.0), LIGHTEST[1])
         self._W = sparse.block_diag(
             [root / np.sqrt(mass) for root, mass in zip(roots, masses, strict=True)], "csr"
@@ -241,8 +244,8 @@ class _Free:
         forces = self.forces
         slides = np.linalg.norm((forces.friction @ v).reshape(-1, self._components), axis=1)
         into = np.append(forces.normal @ v + slope * slides, np.abs(forces.bonded @ v))
-        work = imbalance * (self.velocities(v)[1] * self._loads).max()
-        return bool(work > LEAK * into.max(initial=0.0) * (pressure + self._loads.sum()))
+        work = imbalance * (self.velocities(v)[1] * self.loads).max()
+        return bool(work > LEAK * into.max(initial=0.0) * (pressure + self.loads.sum()))
 
     def imbalance(self, v: np.ndarray, slope: np.ndarray) -> float:
         """The proof: the work of the loads on v (nc,) that friction of given bounds does not take, over that of all
@@ -263,7 +266,7 @@ class _Free:
         tears = np.abs(forces.bonded @ v) > IMBALANCE * np.maximum(joined, least)
         if presses.any() or tears.any():
             return 0.0
-        return float(self._e @ v - forces.bound @ given) / ((speeds * self._loads).max() or 1.0)
+        return float(self._e @ v - forces.bound @ given) / ((speeds * self.loads).max() or 1.0)
 
 
 class Forces(NamedTuple):

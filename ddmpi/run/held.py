@@ -380,8 +380,14 @@ def judge_held(
                 return [], None, True
             if load > bound:
                 because = _because(one, assembly.scene)
-                imbalance = load / float((speeds * loads).max() or 1.0)
-                mechanism = Mechanism(tuple(bodies), velocities / speeds.max(), imbalance, because)
+                acting = float((speeds * loads).max() or 1.0)
+                mechanism = Mechanism(
+                    tuple(bodies),
+                    velocities / speeds.max(),
+                    load / acting,
+                    because,
+                    acting / speeds.max(),
+                )
                 return told, mechanism, False
         # motions that are resisted alike come in any order
         scene = assembly.scene

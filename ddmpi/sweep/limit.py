@@ -12,6 +12,7 @@ from typing import Any
 from mpi4py import MPI
 
 from ddmpi.errors import InputError, NotConvergedError
+from ddmpi.judge.equilibrium import IMBALANCE
 from ddmpi.results.folder import choose_folder
 from ddmpi.run.answer import Answer, Model
 from ddmpi.scene.keys import looked_up, parse_value
@@ -26,8 +27,11 @@ LIMIT = "limit.json"
 NO_EQUILIBRIUM = "no equilibrium"
 """How the reason of a run begins that has found none."""
 
-LEAST, MOST = 1e-3, 1e3
-"""Factors between which the limit is looked for."""
+LEAST, MOST = 1e-12, 1e12
+"""Factors between which the limit is looked for: at others rounding of this load, or of the rest, is all that there is."""
+
+BORNE = 1e3
+"""Largest factor where clamps hold all parts, and where larger ones are beyond the method."""
 
 WITHIN = 1e-3
 """Width of the interval at the end over its upper end."""
@@ -35,8 +39,8 @@ WITHIN = 1e-3
 BESIDE = 0.3
 """Distance from a guess at which it is tried on either side, over the width of the interval at the end."""
 
-SOLVES, FEW = 14, 3
-"""Most solves before the run that is written; so many before a limit is looked for at the largest factor."""
+SOLVES, FEW = 24, 3
+"""Most solves before the run that is written; so many before a limit is looked for at larger factors."""
 
 LOADED = (
     "traction",
@@ -63,8 +67,10 @@ class Search:
     held, failed : the largest factor with an answer and the least one without; 0 and infinite at first
     guess : where the limit may be; NaN if nothing tells
     words : why there is no answer at the factor `failed`
-    unbalanced : by factor without an answer, the load that nothing balances, over the loads at the factor 1
-    solves : how many there were
+    unbalanced : by factor without an answer, the load that nothing balances (N)
+    part : at the factor `failed`, of all loads; 0 if no mechanism is known
+    solves, failures : how many there were, and without an answer
+    most : the largest factor to be tried
     """
 
     held: float = 0.0
@@ -73,6 +79,9 @@ class Search:
     words: str = ""
     unbalanced: dict[float, float] = field(default_factory=dict)
     solves: int = 0
+    failures: int = 0
+    part: float = 0.0
+    most: float = MOST
 
     @property
     def found(self) -> bool:
@@ -82,42 +91,59 @@ class Search:
     @property
     def ended(self) -> bool:
         """Whether the limit is found, outside of all factors, or takes too many solves."""
-        outside = self.held >= MOST or self.failed <= LEAST
+        outside = max(self.held, LEAST) >= min(self.most, self.failed)
         return self.found or outside or self.solves >= SOLVES
 
-    def note(self, factor: float, answer: Answer, imbalance: float) -> None:
-        """Note what a solve with a factor has found; `imbalance` is the part of the loads that nothing balances."""
+    def note(self, factor: float, answer: Answer, part: float, load: float) -> None:
+        """Note what a solve with a factor has found: `part` of the loads, which are `load` (N), nothing balances."""
         self.solves += 1
         if answer.certified:
-            self.held = factor
-            # what bears a part of its friction bears all of it at that multiple, if its pressure stays
-            shares = [contact["utilisation"] for contact in answer.summary["contacts"].values()]
-            most = max((share for share in shares if share is not None), default=0.0)
-            if len(self.unbalanced) < 2:
-                self.guess = factor / most if most else math.nan
+            self._hold(factor, answer)
+        elif factor > BORNE and not (self.failures or answer.reason.startswith(NO_EQUILIBRIUM)):
+            # so large a multiple is beyond the method, which tells nothing of a limit
+            self.most = BORNE
+        else:
+            self._fail(factor, answer, part, load)
+
+    def _hold(self, factor: float, answer: Answer) -> None:
+        # where the load that nothing balances falls to zero with the factor, it is rounding in the end, and no answer
+        if 0.0 < self.part * factor <= IMBALANCE * self.failed and not self.guess >= factor:
+            self.most = 0.0
             return
-        self.failed, self.words = factor, answer.reason
-        if imbalance:
-            self.unbalanced[factor] = imbalance * factor
+        self.held = factor
+        # what bears a part of its friction bears all of it at that multiple, if its pressure stays
+        shares = [contact["utilisation"] for contact in answer.summary["contacts"].values()]
+        most = max((share for share in shares if share is not None), default=0.0)
+        if len(self.unbalanced) < 2:
+            self.guess = factor / most if most else math.nan
+
+    def _fail(self, factor: float, answer: Answer, part: float, load: float) -> None:
+        self.failed, self.words, self.part = factor, answer.reason, part
+        self.failures += 1
+        if part:
+            self.unbalanced[factor] = part * load
         if len(self.unbalanced) > 1:
             # beyond the limit the unbalanced load grows with the factor, about linearly
             (one, small), (other, large) = sorted(self.unbalanced.items())[:2]
-            self.guess = one - small * (other - one) / (large - small) if large > small else one
+            guess = one - small * (other - one) / (large - small) if large > small else 0.0
+            self.guess = guess if guess > IMBALANCE * one else math.nan  # the rest is rounding
 
     def following(self) -> float:
-        """The factor to try next: 1, then on either side of a guess, the ends of the range, or between the factors."""
+        """The factor to try next: 1, then on either side of a guess, farther away, or between the factors."""
         if not self.solves:
             return 1.0
         step = BESIDE * WITHIN * self.guess
         few = math.isfinite(self.failed) or self.solves < FEW
         sides = self.guess + step, self.guess - step
         for factor in sides if self.failed > sides[0] + step else sides[::-1]:
-            if few and self.held < factor < min(self.failed, MOST):
+            if few and max(self.held, LEAST) < factor < min(self.failed, self.most):
                 return factor
         if math.isinf(self.failed):
-            return MOST
-        if self.held < self.failed / 4.0:
-            return max(self.failed / 2.0, LEAST)
+            return min(max(self.held**2, BORNE), self.most)
+        if self.failures == 1 and self.held < self.failed / 4.0:
+            return self.failed / 2.0  # two of them make a guess
+        if not self.held:
+            return max(self.failed**2, LEAST)
         return math.sqrt(self.held * self.failed)
 
 
@@ -153,24 +179,34 @@ def find_limit(
                 f"at the factor {search.failed:.6g} of {load} the run ends without an answer, and not for lack of an "
                 f"equilibrium: {search.words}"
             )
-        if limited:
-            with contextlib.suppress(NotConvergedError):
-                model.write(given | {key: scaled(value, search.failed)}, str(folder), figures)
-    middle = (search.held + search.failed) / 2.0 if search.held else 0.0
-    found = {
-        "load": load,
-        "factor": middle if limited else None,
-        "interval": [search.held, search.failed if limited else None],
-        "mechanism": search.words or None,
-        "solves": search.solves + limited,
-    }
-    from_first(world, lambda: _write(folder, found))
-    if not limited:
+        middle = (search.held + search.failed) / 2.0 if search.held else 0.0
+        found = {
+            "load": load,
+            "factor": middle if limited else None,
+            "interval": [search.held, search.failed if limited else None],
+            "mechanism": search.words or None,
+            "solves": search.solves + limited,
+        }
+        try:
+            if limited:
+                with contextlib.suppress(NotConvergedError):
+                    model.write(given | {key: scaled(value, search.failed)}, str(folder), figures)
+            from_first(world, lambda: _write(folder, found))
+        finally:  # whatever becomes of the files
+            _tell(search, load)
+
+
+def _tell(search: Search, load: str) -> None:
+    """Log the limit of a load."""
+    if math.isinf(search.failed):
         log.info("no limit: there is equilibrium up to the factor %g of %s", search.held, load)
     elif not search.held:
         log.info("no equilibrium at the factor %g of %s either", search.failed, load)
+    elif not search.found:
+        between = search.held, search.failed, load
+        log.info("equilibrium ends between the factors %.6g and %.6g of %s", *between)
     else:
-        ends = middle, load, search.held, search.failed
+        ends = (search.held + search.failed) / 2.0, load, search.held, search.failed
         log.info("equilibrium ends at the factor %.6g of %s (%.6g to %.6g)", *ends)
 
 
@@ -183,10 +219,19 @@ def _searched(
         factor = search.following()
         with quiet():
             answer = model.solve(given | {key: scaled(value, factor)}, only="contacts")
-        mechanism = answer.solved.solution.mechanism if answer.solved else None
-        search.note(factor, answer, world.bcast(mechanism.imbalance if mechanism else 0.0))
+        part, acting, loose = world.bcast(_of_solve(answer))
+        search.most = search.most if loose else BORNE
+        search.note(factor, answer, part, acting)
         log.info("factor %.6g: %s", factor, answer.reason)
     return search
+
+
+def _of_solve(answer: Answer) -> tuple[float, float, bool] | None:
+    """On the first rank: the part of the loads that nothing balances, these loads (N), and whether a part is loose."""
+    if not answer.solved:
+        return None
+    mechanism, loose = answer.solved.solution.mechanism, bool(answer.solved.assembly.loose)
+    return (mechanism.imbalance, mechanism.load, loose) if mechanism else (0.0, 0.0, loose)
 
 
 @contextlib.contextmanager
@@ -204,12 +249,19 @@ def _find(scene: str, settings: Sequence[str], load: str) -> tuple[str, Any]:
     """The key of what is multiplied, and its value. Raises InputError."""
     data = read_data(scene, read_text(scene), settings)
     if load in data.get("history", {}):
-        return f"history.{load}.factors", looked_up(data, f"history.{load}.factors", "--load ")
+        load = f"history.{load}.factors"
     value, parts = looked_up(data, load, "--load "), load.split(".")
     named = isinstance(value, str) and parts[-1] in ("on", "history")
     # a clamp without a displacement is the name of a group
     named |= parts[2:3] == ["clamp"] and len(parts) < 5 and not isinstance(value, dict)
-    if named or len(parts) < 3 or parts[2] not in LOADED or scaled(value, 2.0) == value:
+    loads = (
+        not named
+        and len(parts) > 2
+        and (parts[2] in LOADED or parts[::2] == ["history", "factors"])
+    )
+    if loads and _zero(value):
+        raise InputError(f"--load {load}: is zero, and so are all multiples of it; give it a size")
+    if not loads or scaled(value, 2.0) == value:
         raise InputError(
             f"--load {load}: is neither a history nor a load with numbers that a factor multiplies, such as "
             "body.NAME.traction.0, body.NAME.volume_force or rigid.NAME.force"
@@ -228,6 +280,13 @@ def _write(folder: Path, found: dict[str, Any]) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         text = json.dumps(found, indent=2, ensure_ascii=False) + "\n"
         write_atomically(folder / LIMIT, text.encode())
+
+
+def _zero(value: Any) -> bool:
+    """Whether a load has numbers, and all that a factor multiplies are zero."""
+    if isinstance(value, dict):
+        value = [entry for key, entry in value.items() if key in LOADS or key.endswith("slope")]
+    return bool(value) and all(map(_zero, value)) if isinstance(value, list) else value == 0
 
 
 def scaled(value: Any, factor: float) -> Any:
