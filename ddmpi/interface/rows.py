@@ -188,7 +188,8 @@ def between(sides: tuple[Side, Side], slave: int, over: Cover) -> Places:
         at_points(other.cell.shapes(over.there), other.facets[over.other], len(other.nodes)),
     )
     first, sign = (1, 1.0) if slave == 0 else (-1, -1.0)
-    return Places((sides[0].nodes, sides[1].nodes), sign * over.direction, over.gap, at[::first])
+    gap = without_rounding(over.gap, side.spacing[side.facets[over.facet]].min(axis=1))
+    return Places((sides[0].nodes, sides[1].nodes), sign * over.direction, gap, at[::first])
 
 
 def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interface:

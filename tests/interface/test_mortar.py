@@ -120,6 +120,13 @@ def test_matching_sides_stay_paired(order):
 # Gaps
 
 
+@orders
+def test_sides_that_touch_do_so_between_nodes_too(order):
+    """Where they are turned, gaps are rounding, which was told as penetration without a load."""
+    contact = met(blocks(7, 11, order, 0.3, angle=np.radians(37.0)))
+    assert len(contact.probes.gap) and not contact.probes.gap.any()
+
+
 @pytest.mark.every(5)
 @orders
 @pytest.mark.parametrize("gap", [0.0, 1e-4, -1e-4])
