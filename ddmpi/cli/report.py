@@ -34,6 +34,7 @@ from ddmpi.results.summary import (
     held_in_words,
     largest,
     loose_in_words,
+    tell,
     where,
     with_bar,
 )
@@ -352,20 +353,24 @@ class RunReport:
             dissipated = sum(contact["dissipated"] or 0.0 for contact in contacts)
             numbers["dissipated"] = number(dissipated, unit=self.units["energy"])
         numbers |= self._utilised() | self._bolts()
-        for name, entries, unit in (
-            ("displacement", self.bodies, "length"),
-            ("von_mises", self.bodies, "stress"),
-            ("pressure", self.contacts, "stress"),
-        ):
-            if not entries:
-                continue
-            value, of = largest(entries, f"{name}_max")
-            numbers[name] = number(value, unit=self.units[unit])
-            place = where(entries[of], f"{name}_max") if of else ""
-            numbers[f"{name}_of"] = (
-                "not computed" if value is None else f"of {of}" + f", at {place}" * bool(place)
-            )
-        return numbers
+        numbers |= self._largest("displacement", self.bodies, "length")
+        numbers |= self._largest("von_mises", self.bodies, "stress")
+        return numbers | self._largest("pressure", self.contacts, "stress")
+
+    def _largest(self, name: str, entries: dict[str, dict[str, Any]], unit: str) -> dict[str, str]:
+        """The largest value of all bodies or contacts, with its place; nothing where there are none."""
+        if not entries:
+            return {}
+        value, of = largest(entries, f"{name}_max")
+        if value is None:
+            shown, remark = number(value), "not computed"
+        elif value < 0.0:  # bonds, all in tension
+            shown, remark = "none", f"{of}: {tell(self.summary, 'contacts', of, 'pressure_max')}"
+        else:
+            place = where(entries[of], f"{name}_max")
+            shown, remark = number(value, unit=self.units[unit]), f"of {of}"
+            remark += f", at {place}" * bool(place)
+        return {name: shown, f"{name}_of": remark}
 
     def _utilised(self) -> dict[str, str]:
         """The contact that bears most of its friction."""

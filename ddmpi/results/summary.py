@@ -106,6 +106,8 @@ NEGLIGIBLE = 1e-4
 def tell(summary: Mapping[str, Any], table: str, name: str, key: str, digits: int = 4) -> str:
     """An entry of a body, contact or rigid partner in words: "3 open", "largest pressure 64.42 MPa", "force (3, −4) N"."""
     row, value = ROWS[f"{table}.NAME.{key}"], summary[table][name][key]
+    if key == "pressure_max" and as_float(value) < 0.0:  # a bond, all in tension
+        row, value = row._replace(words="least tension"), -value
     if not row.quantity:
         return f"{value} {row.words}"
     unit = "rad" if row.quantity == "angle" else summary["units"][row.quantity]

@@ -214,6 +214,15 @@ def test_a_body_alone_has_no_contacts(run):
     assert "elements, 1 body\n" in page.text and "1 solve with" in page.text
 
 
+def test_a_bond_in_tension_has_no_pressure(run):
+    """What would be a negative pressure is the least tension."""
+    contacts = change(run)["contacts"]
+    ((name, one),) = contacts.items()
+    assert "least tension" not in report(run).text
+    change(run, contacts={name: one | {"pressure_max": -5e5}})
+    assert f"{name}: least tension " in report(run).text
+
+
 def test_forces_of_bolts_are_said(run):
     """At the top the least one; with the contacts all, with their offsets."""
     assert "olt force" not in report(run).text

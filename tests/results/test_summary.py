@@ -277,6 +277,14 @@ def test_forces_that_rounding_leaves_are_told_as_zero():
     assert tell(summary, "contacts", "fit", "force") == "force (-3, 0) N/m"
 
 
+@pytest.mark.parametrize(
+    "value, words", [(-5e5, "least tension 5e+05 Pa"), (5e5, "largest pressure 5e+05 Pa")]
+)
+def test_a_bond_in_tension_has_no_pressure(value, words):
+    summary = {"contacts": {"bond": {"pressure_max": value}}, "units": {"stress": "Pa"}}
+    assert tell(summary, "contacts", "bond", "pressure_max") == words
+
+
 def test_a_light_body_beside_a_heavy_one_has_its_own_force():
     """Of 1 N beside 1e9 N no digit is rounding; the log said zero beside two closed nodes and 3.5 Pa."""
     summary = {
