@@ -33,6 +33,7 @@ from ddmpi.run.recover import NOTHING
 from ddmpi.run.report import NAMED
 from ddmpi.run.solve import Iteration, Solution, lean_steps
 from ddmpi.system.doubts import Doubt
+from ddmpi.system.numbers import counted
 
 log = logging.getLogger("ddmpi")
 
@@ -310,9 +311,9 @@ class March:
             )
         log.log(
             logging.DEBUG if self._repeated else logging.INFO,
-            "time %-10.6g %3d iterations%s",
+            "time %-10.6g %14s%s",
             time,
-            len(self.outer.history),
+            counted(len(self.outer.history), "iteration"),
             f"; {count(contact.resultants for contact in contacts)} nodes" * bool(contacts),
         )
         self._leave()
