@@ -22,7 +22,7 @@ from ddmpi.system.numbers import SAME
 
 PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
 """Most passes of a group beside those on its way. Frames have settled once α moves contacts by less than SETTLED of what
-forces do, and do not settle if PATIENCE passes in a row leave more than SHRINKS of the least so far."""
+forces do, and do not settle if PATIENCE passes together leave more than SHRINKS of what was left before."""
 
 NEAR, DEPTH = 0.3, 3
 """Once α moves contacts by less than NEAR of what forces do, up to DEPTH passes before make the next motion of the
@@ -66,8 +66,10 @@ class Group:
     def useless(self, far_off: float) -> bool:
         """Whether another pass is useless, after one whose α moves contacts by `far_off` (m), which has not settled."""
         self._number += 1
-        self._idle = 0 if far_off <= SHRINKS * self._least else self._idle + 1
-        self._least = min(self._least, far_off)
+        if far_off <= SHRINKS * self._least:
+            self._least, self._idle = far_off, 0
+        else:
+            self._idle += 1
         return self._idle == PATIENCE or self._number == PASSES
 
     def next(self, alpha: np.ndarray, near: bool) -> np.ndarray:

@@ -447,6 +447,16 @@ def test_a_group_is_on_its_way_until_it_has_gone_round(turned, far):
     assert given_up.index(True) == (7 if far else 6)
 
 
+@pytest.mark.parametrize(("rate", "end"), [(0.8, None), (0.97, 6)])
+def test_slow_progress_of_passes_is_progress(rate, end):
+    """Passes are useless once six together leave more than 0.7. A ball in a groove of planes, which leaves 0.73 from pass
+    to pass until frames are near, was given up though it settles in sixteen."""
+    free = {"disc": FreeFrame.of(None, np.array([[1.0, 0.5], [-1.0, -0.5]]))}
+    group = Group(free, np.ones(3, bool), {"disc": slice(0, 3)})
+    given_up = [group.useless(rate**k) for k in range(20)]
+    assert (given_up.index(True) if any(given_up) else None) == end
+
+
 @pytest.mark.parametrize(("most", "short"), [(2, "0.035"), seldom(8, "0.0027")])
 def test_turns_that_the_most_steps_do_not_resolve_are_told(most, short, monkeypatch):
     """Not that forces miss the tolerance: these agree to rounding."""
