@@ -36,12 +36,12 @@ from ddmpi.run.recover import NOTHING
 from ddmpi.run.solve import Iteration, Solution
 from ddmpi.run.steps import March
 from ddmpi.scene.contacts import Coulomb, SettledContact
-from ddmpi.scene.motions import Freed, frames_of
+from ddmpi.scene.motions import Freed, frames_of, parts_of
 from ddmpi.scene.scene import Settled
 from ddmpi.surface.cover import DEEPEST
 from ddmpi.surface.side import Side
 from ddmpi.system.agreement import agreed
-from ddmpi.system.numbers import Frame, norm
+from ddmpi.system.numbers import SAME, Frame, norm
 
 log = logging.getLogger("ddmpi")
 
@@ -154,9 +154,13 @@ class FarMarch(March):
         (size,) in m in the last pass, and why it is the last: "converged", "unsettled", or the end of Newton's method.
         """
         rows = self._now.memory.contacts
-        start = self._place(time, self._ahead_of(time), rows)
+        carried = _carried(self.assembly.scene, self._now.memory, time, passes.groups)
+        start = self._place(time, {**self._ahead_of(time), **carried}, rows)
         if not self.assembly.free:
             return start, "converged"
+        if carried and (back := self._back_to_still(self.assembly.placement.freed)).any():
+            # what nothing resists does not go along, and takes lever arms of loads with it
+            start = self._place(time, self._gone(back), rows)
         if (fall := way_down(self.assembly, passes.groups)).any():
             start = self._place(time, self._gone(fall), rows)
         while True:
@@ -278,7 +282,7 @@ class FarMarch(March):
         self._d = joint.d = joint.d - sliding
         self._levers, joint.K = levers, joint.K if levers else 0.0 * joint.K
         self.iteration = Iteration(assembly, self.iteration.method, no_report, clock, self._slight)
-        self._hold(freed)
+        self.iteration.hold(self._back_to_still(freed))
         outer = self.iteration.outer
         assert isinstance(outer, Newton)
         self.outer = outer
@@ -295,18 +299,18 @@ class FarMarch(March):
         outer.nothing, outer.direct.steps = NOTHING * largest[0], True
         return sliding
 
-    def _hold(self, freed: Freed) -> None:
-        """Hold the motions that nothing determines where they were a step before, or loads have driven them since: turns by
-        the angle, whatever a body has moved, others by its way."""
+    def _back_to_still(self, freed: Freed) -> np.ndarray:
+        """The motions (rigid.size,) that take what nothing determines from `freed` to where it was a step before, or loads
+        have driven it since: turns by the angle, whatever a body has moved, others by its way."""
         held, assembly, before = self.iteration.held.span, self.assembly, self._still
-        if not held.size:
-            return
         gone, turns = np.zeros(len(held)), np.ones(len(held), bool)
+        if not held.size:
+            return gone
         for name, frame in assembly.free.items():
             at = assembly.joint.slices[name]
             gone[at] = frame.since(before[name], freed[name])
             turns[at][: len(frame.axes)] = False
-        self.iteration.hold(held @ put_back(held, gone, turns))
+        return held @ put_back(held, gone, turns)
 
     def _count(self) -> None:
         """Have later passes count products on."""
@@ -429,6 +433,30 @@ def _onwards(
         motions = free.since(ends[0][name], ends[1][name])
         gone[name] = free.gone(far, frames[name], share * motions)
     return gone
+
+
+def _carried(
+    scene: Settled, memory: Memory, time: float, groups: Sequence[Group]
+) -> dict[str, np.ndarray]:
+    """How far loose bodies have gone at `time` that lie on such as shift alike since a step before, if they go along."""
+    then, now = (frames_of(scene, at, memory.freed) for at in (memory.time, time))
+    moving = {each.name for each in (*scene.body, *scene.rigid) if parts_of(each.motion)}
+    carried = dict[str, np.ndarray]()
+    for group in groups:
+        own = group.free.keys()
+        pairs = [{*each.bodies} for each in scene.contact]
+        beside = set().union(*(pair for pair in pairs if pair & own)) - own
+        steps = [now[name].after(then[name].undone) for name in sorted(beside & moving)]
+        if moving & own or not steps or beside - moving:
+            continue
+        shifts, turned = (
+            np.array([getattr(step, of) for step in steps]) for of in Frame._fields[:2]
+        )
+        alike = np.ptp(shifts, axis=0).max() <= SAME * np.abs(shifts).max()
+        if alike and np.abs(turned - np.eye(scene.dimension)).max() <= SAME:
+            shift = np.append(shifts[0], np.zeros(len(memory.freed[min(own)]) - len(shifts[0])))
+            carried |= {name: memory.freed[name] + shift for name in own}
+    return carried
 
 
 def _tell_slight(assembly: Assembly) -> None:

@@ -416,3 +416,49 @@ def test_a_ball_of_order_1_rests_in_a_bowl_that_moves():
     gone = places[2.0].freed["ball"] - places[1.0].freed["ball"]
     assert gone == pytest.approx([*way, 0.0, 0.0, 0.0], abs=1e-6)
     assert len(answer.summary["held_motions"]) == 3 and not answer.summary["undetermined"]
+
+
+def in_a_groove(moves: list[float], friction: dict) -> dict:
+    """A block, whose edge is below, in a groove of two planes at 45 degrees, which then shift."""
+    ends = np.array([[0, 1], [1, 2], [0, 3], [-1, 2]]) / np.sqrt(2.0)
+    corners = [[x, y, z] for y in (1.0, 0.0) for x, z in ends]
+    mesh = {"shape": "hexahedron", "corners": corners, "divisions": [2, 2, 2]}
+    mesh["corners"] = [[x, y, z - ends[0][1] + 0.01] for x, y, z in corners]
+    block = {"name": "block", "mesh": mesh, "material": {"young": 1000.0, "poisson": 0.3}}
+    way = {"shift": moves, "history": "go"}
+    planes = [
+        {"name": name, "shape": "plane", "point": [0.0, 0.0, 0.0], "normal": [lean, 0.0, 1.0]}
+        for name, lean in (("left", 1.0), ("right", -1.0))
+    ]
+    groups = {"left": "left", "right": "front"}
+    return {
+        "time": {"points": [1.0, 2.0], "steps": 1, "motions": "far"},
+        "history": {"go": history(1.0, 2.0)},
+        "body": [block | {"volume_force": [0.0, 0.0, -1.0]}],
+        "rigid": [plane | {"motion": way} for plane in planes],
+        "contact": [
+            {"bodies": ["block", name], "on": [groups[name]], "friction": friction}
+            for name in groups
+        ],
+    }
+
+
+@pytest.mark.parametrize("friction", [COULOMB, {"law": "none"}])
+def test_a_block_goes_along_with_the_planes_that_it_lies_on(friction):
+    """It lies on them as before, whatever their way: it was looked for where it was, fell, and came to lie elsewhere. Along
+    the groove friction alone takes it along."""
+    answer = certified(in_a_groove([2.0, 1.0, 0.5], friction))
+    places = answer.solved.steps.places
+    gone = places[2.0].freed["block"] - places[1.0].freed["block"]
+    along = [2.0, 1.0 if friction is COULOMB else 0.0, 0.5, 0.0, 0.0, 0.0]
+    # what is held is the way along the edge as it settled, by 6e-5 off y
+    assert gone == pytest.approx(along, abs=1e-9 if friction is COULOMB else 1e-4)
+    first, last = answer.summary["steps"]
+    assert last["passes"] <= 2
+    for name in ("block-left", "block-right"):
+        before, after = (step["contacts"][name] for step in (first, last))
+        assert after["force"] == pytest.approx(before["force"], abs=1e-9)
+        assert after["dissipated"] == pytest.approx(0.0, abs=1e-12)
+    assert sum(last["contacts"][name]["force"][2] for name in last["contacts"]) == pytest.approx(
+        1.0
+    )

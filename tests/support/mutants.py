@@ -5344,7 +5344,7 @@ MUTANTS = [
         (
             "held turns stay where passes left them",
             "run/places",
-            "self._hold(freed)",
+            "self.iteration.hold(self._back_to_still(freed))",
             "pass",
             f"{SPACE}::test_a_bar_in_a_groove_goes_along_and_does_not_turn",
         ),
