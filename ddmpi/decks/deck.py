@@ -54,7 +54,7 @@ class Deck:
     Attributes
     ----------
     cards : all keywords, those of parts once for each instance
-    points : coordinates (m) by number
+    points : coordinates (m) by number, where instances have them
     blocks : elements
     odd : keywords of elements that have no shape, or whose type is not known
     sets : entries by kind and key: sets of nodes and of elements, surfaces of nodes, and of elements with their sides
@@ -91,6 +91,7 @@ class Deck:
         for card in self.cards:
             with card.reading():
                 self._take(card)
+        self._place()
         number, count = np.unique(
             np.concatenate([np.empty(0, int), *(block.entries[:, 0] for block in self.blocks)]),
             return_counts=True,
@@ -280,14 +281,20 @@ class Deck:
         return card._replace(rows=[row, *card.rows[1:]])
 
     def placed(self) -> tuple[np.ndarray, np.ndarray]:
-        """All numbers of nodes (n,), ascending, and their points (n, 3) where instances have them (m)."""
+        """All numbers of nodes (n,), ascending, and their points (n, 3) (m)."""
         nodes = np.array(sorted(self.points), np.int64)
-        points = np.array([self.points[number] for number in nodes.tolist()]).reshape(-1, 3)
+        return nodes, np.array([self.points[node] for node in nodes.tolist()]).reshape(-1, 3)
+
+    def _place(self) -> None:
+        """Put the nodes of instances where these stand. Raises DeckError."""
+        owned = defaultdict[int, list[int]](list)
+        for node in self.points:
+            owned[node // STRIDE * STRIDE].append(node)
         for name, instance in self.places.items():
-            own = nodes // STRIDE == self._first[name] // STRIDE
-            if instance.place:
-                points[own] = _frame(instance.place).at(points[own])
-        return nodes, points
+            own = owned[self._first[name]]
+            if instance.place and own:
+                points = _frame(instance.place).at(np.array([self.points[node] for node in own]))
+                self.points |= zip(own, points.tolist(), strict=True)
 
     def _scope(self, part: str | None) -> str | None:
         """The key of the instance that `part` names, or of the only one; None where it is a set. Raises DeckError."""

@@ -1117,3 +1117,21 @@ def test_faces_on_the_axis_are_no_boundary(tmp_path):
     )
     (contact,) = solved(tmp_path, deck).summary["contacts"].values()
     assert contact["normal_force"] == pytest.approx(4.0 * np.pi * 210000.0 * 0.0005, rel=1e-6)
+
+
+@pytest.mark.parametrize("way", ["KINEMATIC\n1, 6", "DISTRIBUTING\n1, 3"])
+def test_a_reference_node_of_a_part_stands_where_its_instance_does(tmp_path, way):
+    """Moved by 5 and turned by a quarter; a force at its arm of 1.5 has the moment of 1.5 about the face."""
+    part = grid("ALL", (1, 1, 1), (1.0, 1.0, 1.0)) + "*NODE\n900, 2., 0.5, 3.\n*NSET, NSET=R\n900\n"
+    part += "*SURFACE, NAME=TOP\n1, S2\n*SOLID SECTION, ELSET=ALL, MATERIAL=STEEL\n"
+    place = "5., 0., 0.\n5., 0., 0., 5., 0., 1., 90.\n"
+    coupling = f"*COUPLING, CONSTRAINT NAME=C, REF NODE=I.R, SURFACE=I.TOP\n*{way}\n"
+    deck = f"*PART, NAME=P\n{part}*END PART\n*ASSEMBLY, NAME=A\n*INSTANCE, NAME=I, PART=P\n{place}"
+    deck += f"*END INSTANCE\n{coupling}*END ASSEMBLY\n{STEEL}*BOUNDARY\nI.ALL_Z0, 1, 3\n"
+    scene, _ = imported(tmp_path, deck + step("*CLOAD", "I.R, 3, 1."))
+    if "rigid" in scene:
+        assert scene["rigid"][0]["pivot"] == pytest.approx([4.5, 2.0, 3.0])
+    else:
+        force, moment = scene["body"][0]["traction"]
+        assert force["force"] == [0.0, 0.0, 1.0]
+        assert moment["moment"] == pytest.approx([1.5, 0.0, 0.0], abs=1e-12)

@@ -803,6 +803,13 @@ MUTANTS = [
             f"{TOGETHER}::test_sets_and_surfaces_of_a_part_and_of_the_assembly_with_one_name",
         ),
         (
+            "nodes of a deck stand where their part is drawn",
+            "decks/deck",
+            "self.points |= zip(own, points.tolist(), strict=True)",
+            "pass",
+            f"{TOGETHER}::test_a_reference_node_of_a_part_stands_where_its_instance_does",
+        ),
+        (
             "loads of a deck do not jump",
             "decks/model",
             "abs(first - before)",
