@@ -20,25 +20,30 @@ MOST = 10.0
 six times that."""
 
 
-def instability(assembly: Assembly, outer: Newton) -> list[str]:
-    """A warning where forces that grow as frames move on push them on. Collective."""
-    joint = assembly.joint
-    size = np.abs(joint.K).max() if joint.K.nnz else 0.0
-    if not size:
+def instability(assembly: Assembly, outer: Newton, groups: Sequence[Group]) -> list[str]:
+    """A warning for each of the `groups` whose frames forces, which grow as they move on, push on. Collective."""
+    joint, told = assembly.joint, list[str]()
+    if not joint.K.nnz:
         return []
-    yields, motions = assembly.world.bcast(np.linalg.eig(outer.linearisation().yielding()))
-    # The stiffness against a motion. Contacts resist all, so that loads, which grow by K, cannot make it less than -|K|:
-    # what is far below is one over the rounding of a motion that is held.
-    with np.errstate(divide="ignore", invalid="ignore"):
-        stiffness = 1.0 / yields
-    pushed = np.where(np.abs(stiffness) < MOST * size, stiffness.real, 0.0)
-    worst = int(pushed.argmin())
-    if not pushed[worst] < -UNSTABLE * size:
-        return []
-    return [
-        f"the equilibrium is not stable: {describe_drift(assembly, motions[:, worst].real)}, because the "
-        "loads push on"
-    ]
+    compliance = outer.linearisation().yielding()
+    for group in groups:
+        at = np.flatnonzero(group.at)
+        size = float(np.abs(joint.K[at][:, at]).max())
+        if not size:
+            continue
+        yields, motions = assembly.world.bcast(np.linalg.eig(compliance[np.ix_(at, at)]))
+        # The stiffness against a motion. Contacts resist all, so that loads, which grow by K, cannot make it less than -|K|:
+        # what is far below is one over the rounding of a motion that is held.
+        with np.errstate(divide="ignore", invalid="ignore"):
+            stiffness = 1.0 / yields
+        pushed = np.where(np.abs(stiffness) < MOST * size, stiffness.real, 0.0)
+        worst = int(pushed.argmin())
+        if pushed[worst] < -UNSTABLE * size:
+            drift = np.zeros(joint.rigid.size)
+            drift[at] = motions[:, worst].real
+            way = describe_drift(assembly, drift)
+            told.append(f"the equilibrium is not stable: {way}, because the loads push on")
+    return told
 
 
 def partners_gone(assembly: Assembly) -> dict[str, RigidMotion]:

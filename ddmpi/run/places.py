@@ -135,7 +135,7 @@ class FarMarch(March):
         if stopped == "converged":
             _refuse_passing(self.assembly, memory)
             if free and len(self._ahead) == 1 and not solution.mechanism:  # the end of a leg
-                self.log.doubt(time, instability(self.assembly, self.outer))
+                self.log.doubt(time, instability(self.assembly, self.outer, passes.groups))
         self._count()
         self._number_of_passes = passes.number
         states = {

@@ -597,10 +597,13 @@ def test_loads_resist_motions_by_their_own_change(d):
 
 @pytest.mark.parametrize("x, y, outer", [(0.0, 2.499, False), seldom(0.1, -0.5, True)])
 def test_an_unstable_equilibrium_is_told_of(x, y, outer):
-    """A disc on top of a ring would roll off; at the bottom of a bore it stays."""
+    """A disc on top of a ring would roll off; at the bottom of a bore it stays. Beside it stands a block that is a thousand
+    times as heavy, with which what pushes the disc on was compared."""
     area = np.pi * (1.0 - 0.25**2)
     radii, clamp = ((1.5, 2.2), "outer") if outer else ((0.5, 1.5), "inner")
-    body = ring("ring", (0.0, 0.0), radii, (175, 4), clamp=[clamp])
+    body = ring("ring", (0.0, 0.0), radii, (88, 2), clamp=[clamp])
+    heavy = {"value": [0.0, -1e3 * WEIGHT], "history": "load"}
+    block = rectangle("block", (5.0, 0.0), (2.0, 0.5), (2, 1), young=1e6, volume_force=heavy)
     made = {
         "time": {"points": [1.0], "steps": 2, "motions": "far"},
         "history": {"load": history(0.0, 1.0)},
@@ -609,18 +612,21 @@ def test_an_unstable_equilibrium_is_told_of(x, y, outer):
                 "disc",
                 (x, y),
                 (0.25, 1.0),
-                (120, 5),
+                (60, 3),
                 volume_force={"value": [0.0, -WEIGHT / area], "history": "load"},
             ),
             body,
+            block,
         ],
+        "rigid": [FLOOR],
         "contact": [
+            {"bodies": ["block", "floor"], "on": ["bottom"]},
             {
                 "bodies": ["disc", "ring"],
                 "on": ["outer", "inner" if outer else "outer"],
                 "slave": "disc",
                 "friction": {"law": "coulomb", "coefficient": 0.5},
-            }
+            },
         ],
     }
     told = [

@@ -5464,8 +5464,8 @@ MUTANTS = [
         (
             "nobody is told of what is not stable",
             "run/frames",
-            "if not pushed[worst] < -UNSTABLE * size:",
-            "if True:",
+            "if pushed[worst] < -UNSTABLE * size:",
+            "if False:",
             f"{FREE}::test_an_unstable_equilibrium_is_told_of",
         ),
         (
