@@ -495,8 +495,8 @@ def _deepest(assembly: Assembly) -> dict[str, float]:
 
 
 def _refuse_passing(assembly: Assembly, memory: Memory) -> None:
-    """InputError, on all ranks, where the motions run a body through another, where they are placed or on the way since
-    a step before. Collective."""
+    """InputError, on all ranks, where the motions run a body as drawn through another, where they are placed or on the way
+    since a step before. Collective."""
     now, unit, scene = _deepest(assembly), assembly.scene.units["length"], assembly.scene
     time, ends = assembly.placement.time, (memory.freed, assembly.placement.freed)
     rigid = {each.name: each for each in scene.rigid}
@@ -521,10 +521,10 @@ def _refuse_passing(assembly: Assembly, memory: Memory) -> None:
                     deepest = max(deepest, -float(met.opening.min(initial=0.0)))
             if deepest > DEEPEST * thin:
                 raise InputError(
-                    f"contact.{contact.name}: the motions push {contact.bodies[0]!r} and "
-                    f"{contact.bodies[1]!r} into each other by {deepest:.3g} {unit} until time {time:g}, "
-                    f"more than {DEEPEST:g} of the thickness of {body!r}: they would pass through each "
-                    "other"
+                    f"contact.{contact.name}: motions take {contact.bodies[0]!r} and {contact.bodies[1]!r}, as "
+                    f"drawn, into each other by {deepest:.3g} {unit} until time {time:g}, more than {DEEPEST:g} "
+                    f"of the thickness of {body!r}: they would pass through each other, or bend by as much, "
+                    "which is too far to find what touches"
                 )
 
 
