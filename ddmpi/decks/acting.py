@@ -287,8 +287,10 @@ class Acts:
         by_history: dict[History, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
         for (node, component), acting in self.kinds["forces"].items():
+            if self.home.get(node) is not piece or node in self.rigid_nodes:
+                continue
             value, history = self.factor(acting)
-            if self.home.get(node) is piece and node not in self.rigid_nodes and value:
+            if value:
                 k = piece.place[node]
                 way = self._flat(acting.card, self.way(node, component))
                 by_history[history][k] = (

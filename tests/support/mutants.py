@@ -959,8 +959,8 @@ MUTANTS = [
         (
             "a reference node in its set has its force twice",
             "decks/acting",
-            "if self.home.get(node) is piece and node not in self.rigid_nodes and value:",
-            "if self.home.get(node) is piece and value:",
+            "if self.home.get(node) is not piece or node in self.rigid_nodes:",
+            "if self.home.get(node) is not piece:",
             f"{TOGETHER}::test_a_reference_node_in_its_own_set_has_its_force_once",
         ),
         (
