@@ -252,8 +252,8 @@ class Deck:
         return found
 
     def ends(self, card: Card, name: str) -> list[End]:
-        """The elements of a surface of element faces, and the numbers of their faces, each face once. Raises
-        DeckError."""
+        """The elements of a surface of element faces, and the numbers of their faces, each face once. Raises DeckError
+        where it has none."""
         key = self.key("SURFACE", card.scope, name)
         if key is None:
             raise DeckError(f"there is no surface {name} of element faces")
@@ -265,6 +265,8 @@ class Deck:
                 )
             some = self.members("ELSET", what) & self.elements
             found += [(one, int(where[1])) for one in sorted(some)]
+        if not found:
+            raise DeckError(f"the surface {name} is empty")
         return [*dict.fromkeys(found)]
 
     def stands(self, card: Card) -> Card:

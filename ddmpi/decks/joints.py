@@ -60,7 +60,7 @@ class Joints:
         return False
 
     def _side(self, card: Card, name: str) -> list[Side]:
-        """The facets of a surface, of elements or of nodes, by body. Raises InputError where there is no surface."""
+        """The facets of a surface, of elements or of nodes, by body. Raises DeckError where there is no surface."""
         if self.deck.key("SURFACE", card.scope, name):
             ends = set(self.deck.ends(card, name))
             if inner := len(ends - self.acts.where.keys()):
@@ -70,7 +70,7 @@ class Joints:
                 )
             return self.acts.on(ends)
         if not self.deck.key("NODES", card.scope, name):
-            raise card.error(f"there is no surface {name}")
+            raise DeckError(f"there is no surface {name}")
         sides = self.acts.at(self.deck.chosen(card, "NODES", name))
         if not all(covered for *_, covered in sides):
             self.notes.lost(card, f"the surface {name} has nodes without a whole face")
@@ -81,7 +81,8 @@ class Joints:
         law = self._law(card)
         tied = law.get("kind") == "bonded"
         names = slave_surface, master_surface
-        slaves, masters = (self._side(card, name) for name in names)
+        with card.reading():
+            slaves, masters = (self._side(card, name) for name in names)
         wheel = self._wheel(card)
         joined = self._joined(card, law, slaves, masters, wheel)
         for slave, on, master, against in joined:

@@ -124,7 +124,8 @@ class Importer:
             if "SURFACE" not in card.given:
                 self.notes.lost(card, "a pre-tension that is not of a section of solid elements")
                 continue
-            ends = set(self.deck.ends(card, card.given["SURFACE"]))
+            with card.reading():
+                ends = set(self.deck.ends(card, card.given["SURFACE"]))
             rows, section, around = cut(blocks, rows, ends, numbers, points)
             self.cuts.append((card, ends, section, around))
         pieces: list[Piece] = []

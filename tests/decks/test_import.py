@@ -1288,7 +1288,7 @@ LOST_LATER = [
     ),
     (
         bolt().replace("2, S2\n*PRE", "99, S2\n*PRE") + step("*CLOAD", "900, 1, 5."),
-        "a section that does not cut a",
+        "*PRE-TENSION SECTION: the surface CUT is empty",
     ),
     (
         bolt().replace("SURFACE=CUT, ", "") + step("*CLOAD", "900, 1, 5."),

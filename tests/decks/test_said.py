@@ -91,7 +91,15 @@ SIDES = {
         placed("0., 0., 0., 0., 0., 1.\n"),
         placed("0., 0., 0., 0., 0., 1., 30.\n"),
     ],
-    "the surface MASTER has a side SPOS that is no face S1 to S6": [
+    "*DSLOAD: the surface S is empty": [
+        BOX + ROLLERS + f"*SURFACE, NAME=S\n{row}" + step("*DSLOAD", "S, P, 1.")
+        for row in ("99, S1\n", "99, S1\n9, S2\n")
+    ],
+    "*CONTACT PAIR: the surface SLAVE is empty": [
+        stack(PAIR, LAW).replace("SLAVE, TYPE=NODE\nB_Z0", f"SLAVE\n{row}") + PRESS
+        for row in ("", "B, S1")
+    ],
+    "*CONTACT PAIR: the surface MASTER has a side SPOS that is no face S1 to S6": [
         stack(PAIR, LAW).replace("A, S2", "A, SPOS") + PRESS,
         stack(PAIR, LAW) + PRESS,
     ],
