@@ -375,7 +375,8 @@ class Deck:
                 before = found.setdefault(label, dict(enumerate(own)))
                 if not all(np.array_equal(before[k], some) for k, some in enumerate(own)):
                     raise DeckError(
-                        f"the set {label} and the surface of this name have other nodes"
+                        f"the set {label} and the surface of this name have different nodes; "
+                        "rename one of them"
                     )
         return found
 

@@ -1135,3 +1135,15 @@ def test_a_reference_node_of_a_part_stands_where_its_instance_does(tmp_path, way
         force, moment = scene["body"][0]["traction"]
         assert force["force"] == [0.0, 0.0, 1.0]
         assert moment["moment"] == pytest.approx([1.5, 0.0, 0.0], abs=1e-12)
+
+
+@pytest.mark.parametrize("more", ["", "A_Z1\n"])
+def test_a_set_and_a_surface_of_one_name_in_a_mesh_file(tmp_path, more):
+    """They are one group if they have the same nodes."""
+    path = tmp_path / "deck.inp"
+    path.write_text(f"{BOX}*SURFACE, TYPE=NODE, NAME=A_Z0\nA_Z0\n{more}")
+    if more:
+        with pytest.raises(DeckError, match="the set A_Z0 and the surface of this name"):
+            Deck(path).mesh()
+    else:
+        assert len(Deck(path).mesh().point_sets["A_Z0"]) == 9
