@@ -70,6 +70,9 @@ FLAT, ASIDE_FLAT = 1e-3, 2e-3
 """Sides whose unit normals differ by at most FLAT are flat; then meshes that do not match meet, but for the digits of a
 file, and ASIDE_FLAT takes the place of ASIDE."""
 
+UNCOVERED = 1e-2
+"""A bond may leave this part of its smaller side free without a word: digits of files and chords of arcs do."""
+
 LARGE = 300_000
 """Dofs of a body whose multigrid takes 5 s to set up."""
 
@@ -502,7 +505,8 @@ def _join(
         unit=unit,
     )
     refuse_contradiction(interface, [Mover(first, clamps[first.body]), partner], factors, unit)
-    warnings = [*_of_pairing(interface, contact), *overlaps]
+    warnings = [*_of_pairing(interface, contact), *_partly(interface, contact, first, second)]
+    warnings += overlaps
     return _imaged(interface, contact, unit), warnings + uncovered_profile(interface, contact)
 
 
@@ -524,6 +528,23 @@ def _of_pairing(interface: Interface, contact: SettledContact) -> list[str]:
             "stresses in the bodies grow without limit there as meshes get finer"
         )
     return warnings
+
+
+def _partly(interface: Interface, contact: SettledContact, *sides: Side | None) -> Iterator[str]:
+    """A warning of a bond that leaves some of both sides free, unless other contacts are on them."""
+    facing = [side for side in sides if side]
+    if contact.kind != "bonded" or interface.geometry.pointwise or len(facing) < 2:
+        return
+    smaller = min(facing, key=lambda side: side.areas.sum())
+    part = interface.geometry.covered / smaller.areas.sum()
+    if part < 1.0 - UNCOVERED and not smaller.parted:
+        elsewhere = ", or its image stands elsewhere" * bool(contact.image)
+        yield Doubt(
+            f"contact.{interface.name}: the bond covers {part:.3g} of the smaller side, and both sides go on beyond it, "
+            f"where they are free{elsewhere}",
+            "bond of a part",
+            1.0 - part,
+        )
 
 
 def _refuse_stresses(interface: Interface) -> None:

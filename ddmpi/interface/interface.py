@@ -134,6 +134,7 @@ class Geometry:
         from the distance between nodes and only steers the iteration
     waves : whether elements can follow the rows' functions within a facet, as those of order 2 in space
     tilt : (2, m, d − 1) tangents of the angles by which the normals of both sides lean along the `tangents`
+    covered : length or area of the part that faces the other side, with what clamps hold (m or m²)
     """
 
     xy: np.ndarray
@@ -148,6 +149,7 @@ class Geometry:
     pointwise: bool = False
     waves: bool = False
     tilt: np.ndarray = field(default_factory=lambda: np.zeros((2, 0, 1)))
+    covered: float = 0.0
 
 
 @dataclass(frozen=True)

@@ -238,6 +238,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
             pointwise=rows.pointwise,
             waves=rows.waves,
             tilt=_tilt(rows, keep, frame[keep]),
+            covered=rows.covered.measure if rows.covered else float(side.areas[rows.seen].sum()),
         ),
         rows=_at_rows(rows, keep, start),
         law=law_of(

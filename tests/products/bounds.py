@@ -1574,6 +1574,32 @@ def aside(past: bool) -> dict:
     return scene
 
 
+def bonded_in_part(past: bool) -> dict:
+    """A cell whose image stands aside by a little more, or less, than a hundredth of its sides."""
+    shift = [WIDTH, HEIGHT * (1.01e-2 if past else 0.99e-2)]
+    bond = {"bodies": ["block", "block"], "on": ["right", "left"], "kind": "bonded"}
+    bond |= {"pairing": "mortar", "image": {"shift": shift}}
+    block = STRAIN.block(clamp=[STRAIN.hold("bottom"), {"on": "bottom", "x": 0.0}], **PRESSED)
+    return STRAIN.scene(block, contact=[bond])
+
+
+def bonded_to_two(past: bool) -> dict:
+    """A lower block that one larger block covers by half, or another one beside it wholly."""
+    uppers = [
+        STRAIN.block(name, clamp=[*STRAIN.walls(), STRAIN.hold("top", 1e-6)], height=2.0 * HEIGHT)
+        for name in ("first", "second")[: 2 - past]
+    ]
+    lower = STRAIN.block("lower", bottom=LOW[2][1] - BELOW, height=BELOW)
+    for upper, aside in zip(uppers, (0.5, -0.7), strict=False):
+        upper["mesh"]["origin"][0] += aside * WIDTH
+        upper["mesh"]["size"][0] *= 1.2
+    bonds = [
+        {"bodies": [upper["name"], "lower"], "on": ["bottom", "top"], "kind": "bonded"}
+        for upper in uppers
+    ]
+    return STRAIN.scene(*uppers, lower, contact=bonds)
+
+
 def not_one_to_one(past: bool) -> dict:
     """A lower block that is moved aside by more than half the distance of nodes: two of them are nearest to one."""
     scene = stacked(PRESSED, {}, pairing="nodes")
@@ -1622,6 +1648,8 @@ SOLVED = [
     Solved("they do not reach its factor 0.4 at time 1.5", cut_off),
     Solved("its factor is 0 at the ends of all legs, and with it body.block.clamp.", of_zeros),
     Solved("the loads are the same in all load steps", constant),
+    Solved("where they are free, or its image stands elsewhere", bonded_in_part),
+    Solved("the bond covers 0.5 of the smaller side", bonded_to_two),
     Solved("times the distance of their neighbours", moved_on),
     Solved("times its radius, as at", around),
     Solved("only 3 closed nodes, too few to resolve the pressure", few),
