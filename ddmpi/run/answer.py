@@ -6,7 +6,7 @@ import html
 import io
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -75,6 +75,17 @@ class Answer:
     solved: Solved | None
     derived: Mapping[str, Entry] = field(default_factory=dict)
     history: np.ndarray = field(default_factory=lambda: np.empty(0))
+
+    def __copy__(self) -> Self:
+        return replace(self)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        if self.solved:  # pickle and deepcopy come here
+            raise TypeError(
+                "an Answer holds matrices and communicators, which cannot be pickled or copied deeply; "
+                "dataclasses.replace(answer, solved=None) can, and has all results, but no gradients"
+            )
+        return Answer, tuple(vars(self).values())
 
     @property
     def certified(self) -> bool:

@@ -1,8 +1,11 @@
 """The Python interface: resultants and counts of an answer against closed forms."""
 
 import base64
+import copy
+import dataclasses
 import datetime
 import inspect
+import pickle
 import re
 from pathlib import Path
 
@@ -180,6 +183,22 @@ def test_an_answer_and_its_parts_are_short_in_words():
     )
     assert repr(answer.contacts["upper-lower"]) == "ContactState(upper-lower, 18 nodes)"
     assert all(repr(body).startswith("Fields(133 nodes") for body in answer.bodies.values())
+
+
+def test_an_answer_is_pickled_without_its_matrices():
+    """What cannot be pickled says what can, which has all results."""
+    answer = ddmpi.solve(pinched_blocks(2), MPI.COMM_SELF)
+    for of in pickle.dumps, copy.deepcopy:
+        with pytest.raises(TypeError, match=r"dataclasses.replace\(answer, solved=None\) can"):
+            of(answer)
+    assert copy.copy(answer).solved is answer.solved
+    bare = dataclasses.replace(answer, solved=None)
+    for other in pickle.loads(pickle.dumps(bare)), copy.deepcopy(bare):
+        assert other.summary == answer.summary and other.certified and repr(other) == repr(answer)
+        for name, state in answer.contacts.items():
+            assert (other.contacts[name].pressure == state.pressure).all()
+        for name, body in answer.bodies.items():
+            assert (other.bodies[name].displacement == body.displacement).all()
 
 
 def test_help_says_it_all():
