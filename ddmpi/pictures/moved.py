@@ -38,10 +38,10 @@ AROUND = 1.25  # size of a drawn rigid surface in space over that of the part th
 def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     """The magnification F and a shift (nv, d) in metres: a node at x that moves by u is drawn at x + shift + F u.
 
-    Each body is shifted as a whole, around an axis along it, by F − 1 times the initial gap of its contact, negative for
-    an overlap. Gaps are then drawn F times as wide as they are, and closed nodes touch. Where initial gaps vary, as in
-    rings, this holds for their mean alone; F is so small that errors at closed nodes and overlaps at others are
-    invisible, and no cell is turned inside out. A scene that gives
+    Each body is shifted as a whole, around an axis and in sectors of a wheel along the axis, by F − 1 times the initial
+    gap of its contact, negative for an overlap. Gaps are then drawn F times as wide as they are, and closed nodes touch.
+    Where initial gaps vary, as in rings, this holds for their mean alone; F is so small that errors at closed nodes and
+    overlaps at others are invisible, and no cell is turned inside out. A scene that gives
     ``output.magnification`` gets it, up to FARTHEST. `largest` is a displacement of an earlier load step that F has to
     suit as well (m). Not collective.
     """
@@ -61,8 +61,7 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
         bodies = [names.index(name) for name in contact["bodies"] if name in names]
         if len({*contact["bodies"]}) == 2:  # both sides of one body shift alike
             apart[k, bodies] = (-1.0, 1.0)[: len(bodies)]
-    if results.axisymmetric:
-        distances[:, 0] = 0.0  # off its axis a shaft would have a bore
+    distances = distances @ _shiftable(results)
     shifts = np.zeros((len(names), results.dimension))
     if distances.any():
         # least squares: shifts of two bodies differ by the gaps of their contacts, weighted by their displacements
@@ -79,6 +78,20 @@ def magnify(results: Results, largest: float = 0.0) -> tuple[float, np.ndarray]:
     asked = results.output.get("magnification")
     factor = min(asked, FARTHEST * extent / size if size else asked) if asked else max(chosen, 1.0)
     return factor, (factor - 1.0) * shifts[owner]
+
+
+def _shiftable(results: Results) -> np.ndarray:
+    """(d, d) the projection onto shifts of bodies: around an axis, and of sectors of a wheel, along the axis alone. Off it
+    a shaft would have a bore, and sectors would part."""
+    d = results.dimension
+    images = [contact.get("image") or {} for contact in results.scene["contact"]]
+    axes = [image["axis"] for image in images if image.get("turn")]
+    if results.axisymmetric:
+        axes = [[0.0, 1.0]]
+    if not axes:
+        return np.eye(d)
+    axis = np.array(axes[0] or np.zeros(d))
+    return np.outer(axis, axis) / ((axis @ axis) or 1.0)
 
 
 def _unfolded(results: Results, factor: float) -> float:

@@ -7,7 +7,7 @@ import pytest
 from ddmpi.interface.trace import displacement_trace
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.pictures.bodies import draw_bodies, middles
-from ddmpi.pictures.moved import _limits, magnify
+from ddmpi.pictures.moved import _limits, _shiftable, magnify
 from ddmpi.results.tables import Results
 
 TOUCHES = 1e-12
@@ -136,6 +136,25 @@ def test_bodies_around_an_axis_are_drawn_on_it(on):
     factor, shift = magnify(results)
     assert not shift[:, 0].any() and shift[:, 1].any() != radial
     assert (factor - 1.0) * 1e-3 <= 0.002 * results.extent if radial else factor > 10.0
+
+
+def test_bodies_of_a_sector_are_drawn_where_the_others_meet():
+    """Of a wheel in the plane no body is shifted, in space along the wheel's axis alone; of a periodic cell any way."""
+    meshes = {"one": made_up.block(), "two": made_up.block((0.0, 1.0))}
+    u = {"one": [0.0, 0.0], "two": [1e-5, 1e-5]}
+    results, _ = deformed(meshes, u, {"one-two": ("top", "bottom")})
+    n = len(results.contacts["one-two"]["gap"])
+    pressed = {"gap": np.zeros(n), "initial_gap": np.full(n, -1e-3), "status": np.full(n, "stick")}
+    results.contacts["one-two"] |= pressed
+    (contact,) = results.summary["scene"]["contact"]
+    contact["image"] = {"turn": None, "shift": [1.0, 0.0], "axis": None}
+    assert magnify(results)[1].any()
+    contact["image"] = {"turn": 60.0, "shift": None, "axis": None}
+    factor, shift = magnify(results)
+    assert not shift.any() and (factor - 1.0) * 1e-3 <= 0.002 * results.extent
+    contact["image"]["axis"] = [3.0, 4.0]  # as of three
+    assert _shiftable(results) @ [3.0, 4.0] == pytest.approx([3.0, 4.0])
+    assert _shiftable(results) @ [4.0, -3.0] == pytest.approx([0.0, 0.0], abs=1e-15)
 
 
 @pytest.mark.parametrize("drawn", [True, False])
