@@ -118,26 +118,44 @@ class RigidSets:
             return "a node of rotations has components 1 to 3 alone"
         if np.delete(both[:, :6], within, axis=1).any():
             return "its reference node is loaded or moved out of the plane"
-        histories = of_held.keys() | of_loads.keys()
-        if len(histories) > 1 and not rigid.spread:
-            self.notes.cases = len(self.model.ends) > 1
-            return "its loads and displacements change in different ways"
         held = held[within]
-        loads = both[1, within] / self.acts.matter.depth
-        more = later(next(iter(histories), None))
         turn = float(np.linalg.norm(both[0, within[d:]]))
         if self.model.large and turn > SMALL_TURN:
             return f"it turns by {turn:.3g}, and turns are small in a scene"
-        if rigid.spread:
-            by_history = {
-                history: some[within] / self.acts.matter.depth for history, some in of_loads.items()
-            }
-            return self._spread(rigid, faces, held, by_history)
+        by_history = {
+            history: some[within] / self.acts.matter.depth for history, some in of_loads.items()
+        }
         pivot = np.array(self.model.deck.points[rigid.ref][:d])
+        if rigid.spread:
+            return self._spread(faces, held, by_history, pivot)
+        if len(of_held.keys() | of_loads.keys()) > 1:
+            return self._push_apart(rigid, faces, held, [*of_held], by_history, pivot)
+        more = later(next(iter(of_held | of_loads), None))
         if np.isnan(held).any():
+            loads = both[1, within] / self.acts.matter.depth
             return self._push(rigid, faces, held, loads, pivot, more)
         self._move(faces, held, pivot, more)
         return ""
+
+    def _push_apart(
+        self,
+        rigid: Rigid,
+        faces: Sequence[Side],
+        held: np.ndarray,
+        moves: Sequence[History],
+        loads: dict[History, np.ndarray],
+        pivot: np.ndarray,
+    ) -> str:
+        """Write a rigid partner with the history of its displacements, of `moves` at most one, and its loads by history
+        as tractions on a face, which the partner keeps rigid; the reason where that is not possible."""
+        if len(moves) > 1 or rigid.only is not None or not np.isnan(held).any():
+            self.notes.cases = len(self.model.ends) > 1
+            return "its loads and displacements change in different ways"
+        more = later(next(iter(moves), None))
+        reason = self._push(rigid, faces, held, np.zeros(len(held)), pivot, more)
+        if not reason:
+            self._on_faces(faces[0], loads, pivot, "rigid")
+        return reason
 
     def _push(
         self,
@@ -198,24 +216,32 @@ class RigidSets:
 
     def _spread(
         self,
-        rigid: Rigid,
         faces: Sequence[Side],
         held: np.ndarray,
         loads: dict[History, np.ndarray],
+        pivot: np.ndarray,
     ) -> str:
-        """Write the forces of a reference node, by history, as tractions on the faces of a body."""
+        """Write the forces of a reference node as tractions on the faces of a body; the reason where that is not
+        possible."""
         if len(faces) > 1:
             return "it spreads forces over several bodies; how they divide is not known"
         if not np.isnan(held).all():
             return "a distributing coupling whose reference node is held"
-        ((piece, facets),) = faces
+        self._on_faces(faces[0], loads, pivot, "coupled")
+        return ""
+
+    def _on_faces(
+        self, face: Side, loads: dict[History, np.ndarray], pivot: np.ndarray, name: str
+    ) -> None:
+        """Write forces and moments of a reference node, by history, as tractions on a face, of a group like `name`: where
+        the face is rigid, any forces with the same resultant about the node move it alike."""
+        piece, facets = face
         d = len(self.acts.axes)
         x, w = piece.quadrature(facets, False)
-        pivot = np.array(self.model.deck.points[rigid.ref][:d])
         centre = w @ x / w.sum()
         arm = pivot - centre
         wide = np.abs([pivot, centre]).max()
-        on = piece.group(facets, "coupled")
+        on = piece.group(facets, name)
         for history, values in loads.items():
             force, moment = np.split(values, [d])
             # about the centre of the faces
@@ -225,7 +251,6 @@ class RigidSets:
                 if value.any():
                     given = float(value[0]) if len(value) == 1 else value.tolist()
                     self.tractions[piece.name].append({"on": on, key: given} | later(history))
-        return ""
 
     def _move(
         self, faces: Sequence[Side], held: np.ndarray, pivot: np.ndarray, more: Entries

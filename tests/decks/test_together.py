@@ -235,8 +235,28 @@ def test_loads_of_a_distributing_coupling_may_change_in_different_ways(tmp_path)
     moment = np.cross([2.5, 0.5, 0.5], force) + np.array([7.0, 0.0, 0.0])
     assert held["force"] == pytest.approx(-force, rel=1e-6, abs=1e-6)
     assert held["moment"] == pytest.approx(-moment, rel=1e-6, abs=1e-5)
-    words = "its loads and displacements change in different ways"
-    assert words in refused(tmp_path, TWO + KINEMATIC.format("SA") + loads)
+
+
+def test_loads_of_a_rigid_body_may_change_in_different_ways(tmp_path):
+    """They move it as they do at once, also where a displacement comes first; displacements may not."""
+    first, more = ("900, 3, 100.",), ("900, 2, 40.", "900, 4, 7.")
+    sets = TWO + KINEMATIC.format("SA")
+    scene, _ = imported(tmp_path, sets + step("*CLOAD", *first) + step("*CLOAD", *more))
+    courses = [
+        scene["history"][load["history"]]["factors"] for load in scene["body"][0]["traction"]
+    ]
+    assert courses == [[0.0, 1.0, 1.0]] * 2 + [[0.0, 0.0, 1.0]] * 2
+    moved = "*BOUNDARY\n900, 3, 3, 0.01\n*CLOAD"
+    for before, after in (
+        (step("*CLOAD", *first) + step("*CLOAD", *more), step("*CLOAD", *first, *more)),
+        (step(moved, "900, 5, 3.") + step("*CLOAD", *more), step(moved, "900, 5, 3.", *more)),
+    ):
+        parted, at_once = (
+            solved(tmp_path, sets + steps).bodies["A"].displacement for steps in (before, after)
+        )
+        assert abs(parted - at_once).max() < 1e-9 * abs(at_once).max()
+    other = step("*BOUNDARY", "900, 2, 3, 0.01") + step("*BOUNDARY", "900, 3, 3, 0.02")
+    assert "its loads and displacements change in different ways" in refused(tmp_path, sets + other)
 
 
 def test_a_large_turn_with_nlgeom_is_refused(tmp_path):
