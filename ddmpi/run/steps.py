@@ -321,7 +321,7 @@ class March:
 
     def _marked(self, time: float, solution: Solution, closed: float) -> Mark:
         """The end of the step to `time`, with so much of the contacts closed."""
-        factors = self.assembly.scene.factors(self._drawn(time))
+        factors = self._drives(time)
         return Mark(
             time,
             self.outer.forces,
@@ -366,9 +366,12 @@ class March:
 
     def _cut(self, solution: Solution, time: float) -> bool:
         """Whether to try again in a step half as long, after the step to `time` has failed."""
-        # shorter steps cure neither loads without equilibrium nor solves that -body_ksp_rtol makes too coarse
+        half = (self._now.time + time) / 2
+        # shorter steps cure neither loads without equilibrium nor solves that -body_ksp_rtol makes too coarse, nor loads that
+        # act at once, from the drawing on
         if (
             solution.mechanism
+            or (self._now.time == 0.0 and self._drives(half) == self._drives(time))
             or solution.stopped not in CURABLE
             or self._cuts == CUTS
             or (solution.given and solution.unbalanced)
@@ -376,10 +379,14 @@ class March:
         ):
             return False
         self._cuts += 1
-        self._ahead.insert(0, (self._now.time + time) / 2)
+        self._ahead.insert(0, half)
         log.info("no certified answer at time %g (%s); the step is halved", time, solution.reason)
         self._leave()
         return True
+
+    def _drives(self, time: float) -> dict[str | None, float]:
+        """The factors of all histories at a time of the run."""
+        return self.assembly.scene.factors(self._drawn(time))
 
     def _next_leg(self, again: bool = False) -> None:
         """Begin the next leg, or the cycle `again`."""

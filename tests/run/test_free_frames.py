@@ -760,15 +760,25 @@ def test_a_block_slides_by_its_length_to_a_stop():
     assert contacts["block-floor"]["force"] == pytest.approx([0.0, 1.0], abs=1e-4)
 
 
-@pytest.mark.slow
-def test_what_nothing_stops_is_an_error_in_words():
-    """A disc that falls past everything has no equilibrium."""
-    made = rolling()
-    made["body"][0]["mesh"]["center"], made["body"][1]["mesh"]["radii"] = [0.0, -4.0], [0.5, 1.0]
+@pytest.mark.parametrize("history", [{}, seldom({"history": "turn"})])
+def test_what_nothing_stops_is_an_error_in_words(history, caplog):
+    """A disc that falls past everything has no equilibrium. Loads that act at once are the same in a shorter step from
+    the drawing on: such a step was halved six times."""
+    caplog.set_level(logging.INFO)
+    made = rolling(coarse=4)
+    disc, bore = made["body"]
+    disc["mesh"]["center"], bore["mesh"]["radii"] = [0.0, -4.0], [0.5, 1.0]
+    disc["volume_force"] = {"value": disc["volume_force"], **history}
+    made["history"]["turn"] = {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.5, 1.0]}
     made["contact"][0]["on"] = ["outer", "outer"]
-    made["body"][1]["clamp"] = ["inner"]
+    bore["clamp"] = ["inner"]
+    bore.pop("motion")
+    if not history:
+        made.pop("history")
     answer = ddmpi.solve(made)
     assert not answer.certified and "no equilibrium found: " in answer.reason
+    halved = [words for words in caplog.messages if "the step is halved" in words]
+    assert len(halved) == (6 if history else 0)
 
 
 REFUSED = {

@@ -3341,8 +3341,8 @@ MUTANTS = [
         (
             "a cut step does not come back",
             "run/steps",
-            "self._ahead.insert(0, (self._now.time + time) / 2)",
-            "self._ahead[0] = (self._now.time + time) / 2",
+            "self._ahead.insert(0, half)",
+            "self._ahead[0] = half",
             "scenes/test_load_steps.py::test_a_step_that_fails_is_halved_from_the_state_before",
         ),
         (
