@@ -151,7 +151,7 @@ def test_a_block_slides_with_the_friction_of_its_pressure(order):
     answer = certified(block(order))
     T, N = forces(answer)[4:].T
     assert np.abs(-T / N - MU).max() < 1e-12 and N.min() > 0.0
-    for steps in (1, 7):
+    for steps in (1, 3):
         assert forces(certified(block(order, steps)))[-1] == pytest.approx(
             forces(answer)[-1], rel=1e-9
         )
@@ -308,7 +308,7 @@ def sagging() -> dict:
         "motion": {"shift": [0.0, 1e-3]},
         "volume_force": {"value": [0.0, -30.0], "history": "load"},
     }
-    made["body"][0]["mesh"]["divisions"] = [144, 3]
+    made["body"][0]["mesh"]["divisions"] = [96, 2]
     made["body"][1].pop("motion")
     return made | {
         "history": {"load": {"times": [0.0, 1.0, 2.0], "factors": [0.0, 0.02, 1.0]}},
@@ -573,7 +573,7 @@ def test_pictures_are_of_where_bodies_are(tmp_path):
 def test_steps_of_a_contact_that_grows_by_rounding_are_equal():
     """A block slides on a plane, so that the length of its contact is the same but for rounding. (1,026 steps, of which
     one took half of the way, became 34.)"""
-    mesh = {"shape": "rectangle", "size": [2.0, 1.0], "divisions": [8, 4]}
+    mesh = {"shape": "rectangle", "size": [2.0, 1.0], "divisions": [4, 1]}
     press = {"shift": [0.0, -1e-3], "history": "press"}
     scene = {
         "time": {"points": [1.0, 2.0], "motions": "far"},
