@@ -337,13 +337,14 @@ def test_a_bar_in_a_groove_goes_along_and_does_not_turn(moves):
     it by less than normals are off. It turned by 10 degrees; both motions are held, and told."""
     slope = 0.5**0.5
     sides = {"left": -1.0, "right": 1.0}
+    way = {"shift": moves, "turn": 1e-4, "axis": [0.0, 0.0, 1.0], "history": "push"}
     scene = {
         "time": {"points": [1.0, 2.0], "steps": 1, "motions": "far"},
         "history": {"push": history(1.0, 2.0)},
         "body": [{"name": "bar", "mesh": round_bar(), "material": {"young": 1000.0, "poisson": 0.3},
                   "volume_force": [0.0, 0.0, -2.0]}],
         "rigid": [{"name": name, "shape": "plane", "point": [sign * slope, 0.0, -slope],
-                   "normal": [-sign * slope, 0.0, slope], "motion": {"shift": moves, "history": "push"}}
+                   "normal": [-sign * slope, 0.0, slope], "motion": way}
                   for name, sign in sides.items()],
         "contact": [{"bodies": ["bar", name], "on": ["rim"]} for name in sides],
     }  # fmt: skip
