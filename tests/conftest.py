@@ -78,15 +78,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             seen[name] += 1
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> None:
-    """What a test solves, logs and refuses is compared with its approved record, if it passes and is to have one."""
-    from approved import compared, has_record
-
-    if has_record(pyfuncitem):
-        pyfuncitem.obj = compared(pyfuncitem)(pyfuncitem.obj)
-
-
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """What needs the optional clarabel is skipped without it."""
     if item.get_closest_marker("clarabel"):
@@ -316,30 +307,6 @@ def by_itself(forked, monkeypatch) -> None:
     from ddmpi.system import interrupt
 
     monkeypatch.setattr(interrupt, "_other", forked)
-
-
-@pytest.fixture(autouse=True, scope="session")
-def short_indices() -> Iterator[None]:
-    """What scipy answers for indices of 32 bits, without asking numpy for their limits: several times in each of the
-    hundreds of sparse matrices of a tiny scene, which is a tenth of its time."""
-    import numpy as np
-    from scipy.sparse import _sputils
-
-    whole, most, short = _sputils.get_index_dtype, np.iinfo(np.int32).max, np.dtype(np.int32)
-
-    def answer(arrays=(), maxval=None, check_contents=False):
-        given = (arrays,) if isinstance(arrays, np.ndarray) else arrays
-        if (maxval is None or maxval <= most) and all(
-            getattr(one, "dtype", None) == short for one in given
-        ):
-            return np.int32
-        return whole(arrays, maxval, check_contents)
-
-    with pytest.MonkeyPatch.context() as patch:
-        for name, module in [*sys.modules.items()]:
-            if name.startswith("scipy.") and vars(module).get("get_index_dtype") is whole:
-                patch.setattr(module, "get_index_dtype", answer)
-        yield
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -13,11 +13,10 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-import approved
 import pytest
 from mpi4py import MPI
 from scenes import call
-from transcripts import compare, entries, page_words, said, written
+from transcripts import SHAKEN, compare, entries, page_words, said, written
 
 import ddmpi
 from ddmpi.check import check, costs
@@ -41,7 +40,7 @@ def command(*arguments: str, comm: Any = None) -> list[str]:
 
 
 def put(text: str, name: str = "scene.toml") -> None:
-    share = 1.0 + float(os.environ.get(approved.SHAKEN, "0"))
+    share = 1.0 + float(os.environ.get(SHAKEN, "0"))
     for young in (2.3e3, 7.1e3, 1.9e3, 5.3e3, 3.7e3, 310.0):
         text = text.replace(f"young = {young:g}", f"young = {young * share!r}")
     Path(name).write_text(text, encoding="utf-8")
