@@ -5286,13 +5286,6 @@ MUTANTS = [
             f"{FREE}::test_a_turn_that_nothing_resists_is_put_back",
         ),
         (
-            "friction spins bodies far from their places",
-            "run/places",
-            "(freed, np.inf)",
-            "(freed, RESISTED)",
-            f"{FREE}::test_little_friction_does_not_spin_a_disc_that_is_carried_along",
-        ),
-        (
             "steps go on by shifts about the origin",
             "run/places",
             "free.gone(far, frames[name], share * motions)",
