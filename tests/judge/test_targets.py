@@ -315,6 +315,12 @@ def test_a_run_says_what_half_its_bars_take(tmp_path):
 # The command
 
 
+def test_converge_takes_overrides():
+    answer = ddmpi.converge(pinched_blocks(2), NORMAL, 1.0, overrides={"title": "pinched"})
+    assert answer.summary["scene"]["title"] == "pinched"
+    assert len(answer.meshes(NORMAL)) == 1
+
+
 @pytest.mark.slow
 def test_converge_is_a_run_with_one_target(tmp_path):
     """The table in the log, in converge.json and in Python is that of the meshes; the picture has them."""

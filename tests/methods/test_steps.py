@@ -174,6 +174,9 @@ def test_a_step_of_interior_points_is_newtons(components, monkeypatch):
     assert (products() - before) / path._last == pytest.approx(
         path._barrier - before, abs=1e-3 * before.max()
     )
+    path._steps = ddmpi.methods.paths.MOST_POINTS - 1
+    path.step(lambda *_: Point(ds, ds, joint.e, joint.e))
+    assert path.failed  # however far there is left to go
 
 
 @pytest.mark.parametrize("length", [1e-3, 1.0, 1e3])
