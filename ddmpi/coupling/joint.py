@@ -17,7 +17,7 @@ from ddmpi.coupling.member import Member
 from ddmpi.coupling.small import SmallBodies
 from ddmpi.coupling.space import Point, Space
 from ddmpi.interface.interface import Interface
-from ddmpi.system.numbers import ROUNDING, concatenated, divisor, norm
+from ddmpi.system.numbers import ROUNDING, concatenated, norm
 
 STEERING = 0.1
 """With an iterative solver, a product in GMRES needs no more relative precision than this times the ratio by which
@@ -321,29 +321,17 @@ class Joint:
             > 0.0
         )
 
-    @cached_property
-    def _loops(self) -> tuple[np.ndarray, np.ndarray] | None:
-        """Of rows (size,) whether they are `shared`, and how they act on bodies, Σ diag B Bᵀ; None where none is
-        shared. Collective at first."""
-        shared = self.shared()
-        if not self.space.any(shared):
-            return None
-        squares = [member.C.B.multiply(member.C.B).sum(axis=1).A1 for member in self.members]
-        acts = self.exchange.total(squares, "rows of shared nodes")
-        return shared & (acts > 0.0), divisor(acts)
-
-    def at_bodies(self, s: np.ndarray) -> np.ndarray:
-        """Forces s (size,) as those that do the same to bodies: where contacts share a node Σ B Bᵀ s, beside its
-        diagonal, which is zero of forces around a loop of contacts. Collective."""
-        if self._loops is None:
-            return s
-        shared, acts = self._loops
+    def at_bodies(self, s: np.ndarray, shared: np.ndarray) -> np.ndarray:
+        """Forces s (size,) as those that do the same to bodies: where contacts have a `shared` node the mean over the
+        bodies of a contact of `Member.at_body`, which is zero of forces around a loop of contacts. Collective."""
         vectors = [
-            member.C.B @ (member.C.B.T @ vector)
+            member.at_body(vector)
             for member, vector in zip(self.members, self.exchange.spread(s), strict=True)
         ]
-        total = self.exchange.total(vectors, "forces of shared nodes")
-        return np.where(shared, total / acts, s)
+        bodies = concatenated(
+            np.full(each.size, 2.0) - each.alone for each in self.space.interfaces
+        )
+        return np.where(shared, self.exchange.total(vectors, "forces of shared nodes") / bodies, s)
 
     @cached_property
     def rigid_moduli(self) -> np.ndarray:

@@ -156,6 +156,11 @@ class Member(Sides):
         B = self.C.B.tocoo()
         return np.bincount(B.row, self._several()[B.col], self.size) > 0.0
 
+    def at_body(self, s: np.ndarray) -> np.ndarray:
+        """B Bᵀ s (size,) beside its diagonal, what forces do to the body's nodes, told at rows. Not collective."""
+        B = self.C.B
+        return B @ (B.T @ s) / divisor(B.multiply(B).sum(axis=1).A1)
+
     def _several(self) -> np.ndarray:
         """(columns of B,) bool, the dofs of nodes at which the body has several contacts."""
         B, d = self.C.B.tocoo(), self.motions.shape[1]

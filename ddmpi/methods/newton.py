@@ -144,7 +144,7 @@ class Newton(Outer):
         self.joint, self.max_iterations, self.report = joint, max_iterations, report
         self.inner_steps = {"gmres": 0}
         self.hopeless: Callable[[], bool] = lambda: False
-        self.refined, self.nothing = False, 0.0
+        self.refined, self.nothing, self._shares = False, 0.0, False
         self.preconditioner = preconditioner or Preconditioner(joint)
         in_space, laws = self.preconditioner.in_space, joint.space.laws
         coulomb = joint.space.largest(np.array([laws.largest_slope])) > 0.0
@@ -255,6 +255,7 @@ class Newton(Outer):
             at = self._look(at)
         if at.guess and at.residual <= tolerance:  # as where loads stay; a guess leads away
             at = at._replace(guess="", error=math.inf)
+        self._shares = joint.space.any(self.preconditioner.shared)
         at, end = self._own_steps(at, tolerance, PATIENCE)
         for kind in PATHS if len(joint.e) else PATHS[::-1]:
             if end:
@@ -283,7 +284,7 @@ class Newton(Outer):
         """
         stalled, smallest = 0, math.inf
         full_until, shared = 0 if of_path else self._full, 1.0
-        softens = not of_path and self.joint.space.any(self.preconditioner.shared)
+        softens = not of_path and self._shares
         while True:
             at, end = self._judged(at, tolerance)
             if at.residual < PROGRESS * smallest:
@@ -339,7 +340,10 @@ class Newton(Outer):
 
         Forces around a loop of contacts that stick at a node do nothing to bodies, so that any of them are an answer.
         """
-        return np.array(self.joint.space.norms([change.s, self.joint.at_bodies(change.s)]))
+        acting = change.s
+        if self._shares:
+            acting = self.joint.at_bodies(change.s, self.preconditioner.shared > 0.0)
+        return np.array(self.joint.space.norms([change.s, acting]))
 
     def _note(self, residual: float, update: float, precision: float, stage: str = "") -> None:
         number, products = len(self.history) + 1, self.joint.multiplications()

@@ -80,9 +80,6 @@ class Dense:
         )
         return CrossPoints((), cast(Exchange, exchange), self.space)
 
-    def at_bodies(self, s):
-        return s
-
     def shared(self) -> np.ndarray:
         return np.zeros(self.size, bool)
 
