@@ -70,7 +70,7 @@ class Group:
             self._least, self._idle = far_off, 0
         else:
             self._idle += 1
-        return self._idle == PATIENCE or self._number == PASSES
+        return self._idle == PATIENCE or self._number >= PASSES
 
     def next(self, alpha: np.ndarray, near: bool) -> np.ndarray:
         """How its frames move after a pass with the motions α (rigid.size,) by what the passes before say if they are
@@ -80,13 +80,10 @@ class Group:
         self._changes = [] if self.far else [*self._changes, (alpha * self.at, step)]
         return step
 
-    def begin(self) -> None:
-        """Forget what the passes before left: other motions are held from now on."""
-        self._changes, self._least, self._idle = [], np.inf, 0
-
     def drive(self, turn: np.ndarray) -> np.ndarray:
-        """How its frames move along a held `turn` (rigid.size,) that loads drive."""
-        self.begin()
+        """How its frames move along a held `turn` (rigid.size,) that loads drive. What the passes before left is
+        forgotten."""
+        self._changes, self._least, self._idle = [], np.inf, 0
         return self._limited(turn * self.at)
 
     def _limited(self, step: np.ndarray) -> np.ndarray:

@@ -90,11 +90,9 @@ class FarMarch(March):
         first = Memory(0.0, dict.fromkeys(assembly.free, still), {}, {}, {}, _deepest(assembly))
         self._whole = frozenset[str]()  # contacts of which no rows are left out in this step
         self._still = first.freed  # where held motions stay
-        self._slight = RESISTED  # friction with coefficients up to this resists no motions
         self._levers = True  # whether moments of loads change as frames move
         super().__init__(assembly, iteration, log)
         _tell_slight(assembly)
-        self._rubs = assembly.space.any(np.array([len(self._frictional)]))
         self._now = self._before = self._base = self._coarse = replace(self._now, memory=first)
 
     def _step(self, time: float) -> Solution:
@@ -121,7 +119,7 @@ class FarMarch(March):
         """Place the bodies at `time`, and solve, until free frames have settled."""
         memory, free = self._now.memory, self.assembly.free
         passes = Passes(groups_of(self.assembly))
-        self._still, self._slight = memory.freed, RESISTED
+        self._still = memory.freed
         start, stopped = self._passes(time, passes)
         since = start, memory.forces_at, self._now.slid
         largest = self.log.most["sizes"]
@@ -169,12 +167,12 @@ class FarMarch(March):
                 return start, stopped
             settled, near = far_off <= SETTLED * norm(sizes), far_off <= NEAR * sizes
             driven = self._driven(passes.groups, settled)
-            if self._complete and settled.all() and not driven.any():
+            if self._levers and settled.all() and not driven.any():
                 return start, stopped
             step, useless = passes.next(self.outer.motions, driven, far_off, settled, near)
-            if useless and self._slight == RESISTED:
+            if useless:
                 return start, "unsettled"
-            freed = self._let_down(self._gone(step), passes, useless or bool(near.all()))
+            freed = self._gone(step)
             self._note_driven(freed, driven, passes.groups)
             rows = {
                 interface.name: forces_by_node(interface, self.outer.forces[part])
@@ -212,37 +210,17 @@ class FarMarch(March):
         )
         return stopped, far_off, sizes
 
-    @property
-    def _complete(self) -> bool:
-        """Whether passes have all that resists bodies and drives them."""
-        return self._slight == RESISTED and self._levers
-
     def _note_driven(self, freed: Freed, driven: np.ndarray, groups: Sequence[Group]) -> None:
         """Hold motions from now on where loads have driven them."""
         for group in groups:
             if driven[group.at].any():
                 self._still = {**self._still, **{name: freed[name] for name in group.free}}
 
-    def _let_down(self, freed: Freed, passes: Passes, at_places: bool) -> Freed:
-        """Where free frames go in place of `freed`. Far from its place friction spins a body: let it down with its turn
-        held, until all are `at_places`, and then let go."""
-        if self._slight > RESISTED:
-            if at_places:
-                self._still, self._slight = self._now.memory.freed, RESISTED
-                for group in passes.groups:
-                    group.begin()
-        elif passes.number == 1 and self._rubs and any(group.far for group in passes.groups):
-            freed = self.assembly.placement.freed
-            self._still, self._slight = freed, np.inf
-        return freed
-
     def _driven(self, groups: Sequence[Group], settled: np.ndarray) -> np.ndarray:
         """The motions (rigid.size,) along which loads drive held turns of groups that have `settled`, by more than
         normals are off, as far as frames turn in a pass: a weight beside an axis does, until it hangs below.
         Collective."""
         held = self.iteration.held
-        if self._slight > RESISTED:
-            return np.zeros(len(held.basis))
         asked = [
             group.at
             for group, done in zip(groups, settled, strict=True)
@@ -281,7 +259,7 @@ class FarMarch(March):
         joint = assembly.joint
         self._d = joint.d = joint.d - sliding
         self._levers, joint.K = levers, joint.K if levers else 0.0 * joint.K
-        self.iteration = Iteration(assembly, self.iteration.method, no_report, clock, self._slight)
+        self.iteration = Iteration(assembly, self.iteration.method, no_report, clock, RESISTED)
         self.iteration.hold(self._back_to_still(freed))
         outer = self.iteration.outer
         assert isinstance(outer, Newton)
@@ -378,10 +356,8 @@ class FarMarch(March):
                 step = now[body].after(then[body].undone)
                 for rows, sign in ends:
                     if rows:
-                        at, way = (
-                            rows[("first", "second")[side]],
-                            step if sign < 0.0 else step.undone,
-                        )
+                        at = rows[("first", "second")[side]]
+                        way = step if sign < 0.0 else step.undone
                         moved = float(((way.at(at) - at) * rows["forces"]).sum())
                         joules += 0.5 * sign * (1.0, -1.0)[side] * moved
         return float(self.assembly.space.add(np.array([joules]))[0])

@@ -221,7 +221,7 @@ def test_a_turn_that_nothing_resists_is_put_back(clear, mu, caplog):
 
 
 def test_little_friction_does_not_spin_a_disc_that_is_carried_along(caplog):
-    """One with more than that is let down with its turn held, and let go there. It did not settle in steps of a 64th."""
+    """Nor does one with more than that, which did not settle in steps of a 64th."""
     caplog.set_level(logging.INFO)
     answer = certified(carried(0.1, {"law": "coulomb", "coefficient": 1e-3}))
     places = answer.solved.steps.places

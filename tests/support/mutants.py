@@ -5258,13 +5258,6 @@ MUTANTS = [
             f"{FAR}::test_energies_balance_whatever_rows_enter_and_leave",
         ),
         (
-            "passes before bodies are let go count",
-            "run/places",
-            "group.begin()",
-            "pass",
-            f"{FREE}::test_a_disc_that_falls_onto_the_side_of_a_bore_rolls_down",
-        ),
-        (
             "lever arms of loads alone move on",
             "run/places",
             "joint.K if levers else 0.0 * joint.K",
