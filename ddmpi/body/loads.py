@@ -426,9 +426,8 @@ def _lost_along(f: np.ndarray, free: np.ndarray) -> Iterator[str]:
     """The axes, or else the direction, along which nodal forces (nv, d) act on clamps alone."""
     loaded = f.any(axis=1)
     share, ways = np.linalg.eigh(free[loaded].mean(axis=0))
-    held = (
-        ways[:, share <= SAME] @ ways[:, share <= SAME].T
-    )  # the directions that are clamped at all loaded nodes
+    clamped = ways[:, share <= SAME]  # directions, at all loaded nodes
+    held = clamped @ clamped.T
     lost, least = f[loaded] @ held, ALIKE * np.linalg.norm(f, axis=1).max()
     for axis, name in enumerate("xyz"[: len(held)]):
         if held[axis, axis] > 1.0 - SAME:
@@ -448,9 +447,8 @@ def _given_twice(
     former = dict[tuple[str, str, str | None], list[np.ndarray]]()
     for history, groups in acting.items():
         tractions = [load for load in body.traction if load.history == history]
-        for load, (_, f) in zip(
-            tractions, groups, strict=False
-        ):  # the volume force is the last one
+        # the volume force is the last one of the groups, and has no traction
+        for load, (_, f) in zip(tractions, groups, strict=False):
             like = load.on, f"loads by {load.kind}", history
             before = former.setdefault(like, [])
             if any(

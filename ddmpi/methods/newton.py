@@ -439,7 +439,8 @@ class Newton(Outer):
         if after.residual <= at.residual or at.residual > tolerance:
             return after
         # Around a loop of sticking contacts gaps sum up to what the tolerance has left of them in the load step before.
-        # No force closes this sum, but steps lead on and on along the loop. The full step is the error of the iterate.
+        # No force closes this sum, so that each step moves the forces farther along the loop. The full step is the error
+        # of the iterate.
         stays = at._replace(error=self._sizes(change)[1] / (at.size or 1.0))
         return stays if stays.is_answer(tolerance) else after
 

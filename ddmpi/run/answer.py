@@ -6,7 +6,7 @@ import html
 import io
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -85,7 +85,7 @@ class Answer:
                 "an Answer holds matrices and communicators, which cannot be pickled or copied deeply; "
                 "dataclasses.replace(answer, solved=None) can, and has all results, but no gradients"
             )
-        return Answer, tuple(vars(self).values())
+        return Answer, tuple(getattr(self, each.name) for each in fields(self))
 
     @property
     def certified(self) -> bool:
