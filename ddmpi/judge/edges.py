@@ -28,7 +28,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
 from ddmpi.judge.overlap import as_drawn
-from ddmpi.mesh.boundary import SHARPEST, Creases, creases
+from ddmpi.mesh.boundary import SHARPEST, Creases, creases, curving
 from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import Mesh
 from ddmpi.scene.bodies import Material
@@ -55,6 +55,7 @@ class Ends(NamedTuple):
     angles : (k,) of the body's material (rad); nan where the facet beside is held
     rubs : (k,) the same where the facet beside is held by another contact alone, else nan
     modulus, poisson : plane modulus (Pa), and Poisson's ratio, nan of bodies with several or directed materials
+    inner : (k,) bool, whether the corner is inside its group
     """
 
     sides: np.ndarray
@@ -62,6 +63,7 @@ class Ends(NamedTuple):
     rubs: np.ndarray
     modulus: float
     poisson: float
+    inner: np.ndarray
 
 
 class Singular(NamedTuple):
@@ -108,12 +110,11 @@ def ends_of(
         others = [group for other, group in groups.items() if other != key]
         held = within(mesh, facets, [*clamped, *others]) & ~inside
         number = inside[bends.facets].sum(axis=1)
-        sharp = bends.turn > SHARPEST
-        chosen = (number == 1) | ((number == 2) & sharp)
+        chosen = (number == 1) | ((number == 2) & bends.corner)
         unknown = chosen & held[bends.facets].any(axis=1)
         if mesh.axisymmetric:
             unknown |= chosen & mesh.on_axis[bends.nodes].any(axis=1)
-        angles = np.where(sharp, np.pi - bends.turn, np.pi)
+        angles = np.pi - np.where(bends.corner, bends.turn, 0.0)
         angles[unknown] = np.nan
         nodes = bends.nodes[chosen]
         clamp = within(mesh, facets, clamped)[bends.facets].any(axis=1)
@@ -124,6 +125,7 @@ def ends_of(
             rubs[chosen],
             interface_modulus(body),
             poisson_of(body),
+            number[chosen] == 2,
         )
     return found
 
@@ -171,6 +173,26 @@ def _held(body: Body) -> np.ndarray:
     return np.array([one, one & fixed, one & mirror])
 
 
+def _rounded(body: Body, mirror: np.ndarray) -> np.ndarray:
+    """(c,) bool, which creases at planes of symmetry, `mirror` (c,), may be those of a coarse curve of the whole."""
+    mesh = body.mesh
+    facets, bends = mesh.once(boundary_of)
+    cut = within(mesh, facets, clamps_of(body)) | mesh.on_axis[facets].all(axis=1)
+    free = np.where(cut[bends.facets[:, 0]], bends.facets[:, 1], bends.facets[:, 0])
+    both = np.where(mirror[:, None], free[:, None], bends.facets)
+    return mirror & curving(mesh.points, bends, 2.0 * bends.turn - np.pi, both)
+
+
+def known_finite(mesh: Mesh, edges: Sequence[Singular]) -> np.ndarray:
+    """(c,) bool, at which creases of a boundary stresses are finite, as its contacts tell: what is one body there has no
+    corner. Not collective."""
+    nodes = mesh.once(boundary_of)[1].nodes
+    finite = {tuple(place) for each in edges for place in each.finite}
+    known, ends = np.zeros(len(mesh.points), bool), np.unique(nodes)
+    known[ends] = [tuple(place) in finite for place in mesh.points[ends]]
+    return known[nodes].all(axis=1)
+
+
 def ends_of_clamps(body: Body) -> np.ndarray:
     """(c,) bool, at which creases of the boundary a clamp ends so that stresses are infinite. Not collective."""
     one, fixed, mirror = _held(body)
@@ -188,7 +210,7 @@ def ends_of_clamps(body: Body) -> np.ndarray:
         touching[interface.touched(body.spec.name)] = True
     met = touching[facets[bends.facets]].all(axis=2).any(axis=1)
     least[met] = np.pi - SHARPEST
-    return one & (np.pi - bends.turn > least + SAME)
+    return one & (np.pi - bends.turn > least + SAME) & ~_rounded(body, mirror)
 
 
 def interface_modulus(body: Body) -> float:
@@ -218,12 +240,12 @@ def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]
             continue  # nothing bears there
         k = int(distance.argmin())
         normal, near = interface.normal[rows[k]], FLUSH * reach[k]
-        angles = np.array([_angle(one, place, normal, near) for one in ends])
+        angles, inner = np.array([_angle(one, place, normal, near) for one in ends]).T
         if not np.isfinite(angles).all():
             continue
-        if what := _what(bonded, angles, ends, interface):
+        if what := _what(bonded, angles, inner, ends, interface):
             at += [(end, what) for end in np.unique(side, axis=0)]
-        elif _known_to_be_finite(bonded, angles, ends):
+        elif _known_to_be_finite(bonded, angles, inner, ends):
             finite += [*side]
     finite += _cuts(ends, FLUSH * float(reach.max(initial=0.0))) if bonded else []
     return Singular(
@@ -233,11 +255,15 @@ def singular_places(interface: Interface, bears: np.ndarray, both: Sequence[Any]
     )
 
 
-def _known_to_be_finite(bonded: bool, angles: np.ndarray, ends: Sequence[Ends]) -> bool:
-    """Whether the stress at an end that is not told is finite in both bodies: of a bond of isotropic bodies; and where
-    right angles of alike ones end flush, also with friction."""
+def _known_to_be_finite(
+    bonded: bool, angles: np.ndarray, inner: np.ndarray, ends: Sequence[Ends]
+) -> bool:
+    """Whether the stress at an end that is not told is finite in both bodies: of a bond of isotropic bodies, alike ones
+    where a corner of both is inside it; and where right angles of alike ones end flush, also with friction."""
     if len(ends) < 2 or not np.isfinite(mismatch(ends)):
         return False
+    if bonded and inner.all():
+        return _alike(ends)
     right = (np.abs(angles - 0.5 * np.pi) <= SHARPEST).all()
     return bonded or bool(right and _alike(ends))
 
@@ -265,24 +291,31 @@ def reaches(interface: Interface) -> np.ndarray:
     return np.sqrt(interface.dimension - 1.0) * interface.spacing
 
 
-def _angle(ends: Ends, place: np.ndarray, normal: np.ndarray, near: float) -> float:
-    """The angle of a body at a place of its contact (rad): that of an end beside which gaps and overlaps, which are
-    along the normal, put the place; 180° where it has none."""
+def _angle(ends: Ends, place: np.ndarray, normal: np.ndarray, near: float) -> tuple[float, bool]:
+    """The angle of a body at a place of its contact (rad), and whether its corner there is inside the contact: that of an
+    end beside which gaps and overlaps, which are along the normal, put the place; 180° where it has none."""
     start, way = ends.sides[:, 0], ends.sides[:, 1] - ends.sides[:, 0]
     length = np.maximum((way**2).sum(axis=1), np.finfo(float).tiny)
     share = np.clip(((place - start) * way).sum(axis=1) / length, 0.0, 1.0)
     apart = start + share[:, None] * way - place
     along = apart - (apart @ normal)[:, None] * normal
     here = (np.linalg.norm(along, axis=1) <= near) & (np.linalg.norm(apart, axis=1) <= near / FLUSH)
-    known = ends.angles[
-        here & np.isfinite(ends.angles)
-    ]  # where a held side ends, another one may go on
-    return float(known.min()) if len(known) else np.nan if here.any() else np.pi
+    known = np.flatnonzero(here & np.isfinite(ends.angles))
+    if len(known):  # where a held side ends, another one may go on
+        k = known[ends.angles[known].argmin()]
+        return float(ends.angles[k]), bool(ends.inner[k])
+    return np.nan if here.any() else np.pi, False
 
 
-def _what(bonded: bool, angles: np.ndarray, ends: Sequence[Ends], interface: Interface) -> str:
+def _what(
+    bonded: bool,
+    angles: np.ndarray,
+    inner: np.ndarray,
+    ends: Sequence[Ends],
+    interface: Interface,
+) -> str:
     """What makes the stresses at a place infinite, in words; empty if they are finite, as in a soft joint."""
-    if interface.layer:
+    if interface.layer or (bonded and inner.all()):  # nothing ends inside a bond
         return ""
     sharper = int(np.argmin(angles))
     body = interface.bodies[sharper]
@@ -375,15 +408,13 @@ def unbounded(assembly: Assembly, edges: Edges) -> set[str]:
         mirror = _held(body)[2]
         if mesh.axisymmetric:  # the axis mirrors, too
             mirror |= mesh.on_axis[bends.nodes].all(axis=1)
-        sharp = np.where(mirror, 2.0 * bends.turn - np.pi, bends.turn) > SHARPEST
+        turn = np.where(mirror, 2.0 * bends.turn - np.pi, bends.turn)
+        sharp = (turn > SHARPEST) & (bends.corner | mirror) & ~_rounded(body, mirror)
         sharp &= touching[bends.nodes].all(axis=1)
-        finite = {tuple(place) for each in edges.by_body[name] for place in each.finite}
-        known, ends = np.zeros(len(mesh.points), bool), np.unique(bends.nodes[sharp])
-        known[ends] = [tuple(place) in finite for place in mesh.points[ends]]
-        sharp &= ~known[bends.nodes].all(axis=1)
+        sharp |= bends.corner & (bends.turn < 0.0)
+        sharp &= ~known_finite(mesh, edges.by_body[name])
         found[f"bodies.{name}.von_mises_max"] = bool(
             sharp.any()
-            or (bends.turn < -SHARPEST).any()
             or ends_of_clamps(body).any()
             or any(len(each.places) for each in edges.by_body[name])
         )

@@ -11,10 +11,10 @@ from ddmpi.body.elasticity import apply
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import Answered, ContactState, ContactTotals
-from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps
+from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps, known_finite
 from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
 from ddmpi.judge.rolls import doubt_rolls, free_to_roll
-from ddmpi.mesh.boundary import SHARPEST, creases
+from ddmpi.mesh.boundary import creases
 from ddmpi.mesh.elements import CELLS, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, tangents
 from ddmpi.scene.bodies import SettledBody
@@ -476,14 +476,14 @@ def _singular(
     largest = stress >= (1.0 - SAME) * stress.max()
     if largest.all():  # a constant stress grows nowhere
         return []
-    top = np.unique(mesh.triangles[largest])
+    top, hollow = np.unique(mesh.triangles[largest]), bends.corner & (bends.turn < 0.0)
     corner = {2: "corner", 3: "edge"}[mesh.dimension]
     beside = "take the stress beside it"
     drawn = "round it in the drawing, or " if body.spec.mesh.drawn else ""
     where = [
         (points[np.intersect1d(bends.nodes[chosen], top)], what, cure)
         for chosen, what, cure in (
-            (bends.turn < -SHARPEST, f"a re-entrant {corner}", drawn + beside),
+            (hollow & ~known_finite(mesh, edges), f"a re-entrant {corner}", drawn + beside),
             (ends_of_clamps(body), "the end of a clamp", beside),
         )
     ]
@@ -625,7 +625,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     if poor.any():
         facets = interface.geometry.facets[:, :d]
         bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
-        sharp = np.append(bent.nodes[np.abs(bent.turn) > SHARPEST], bent.rim)
+        sharp = np.append(bent.nodes[bent.corner], bent.rim)
         sharp = sharp[~axis[sharp]]
         poor &= np.bincount(zone[sharp], minlength=number) == 0  # not at corners
     if poor.any():

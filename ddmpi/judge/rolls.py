@@ -15,7 +15,7 @@ import scipy.sparse as sparse
 from ddmpi.body.rigid_motions import rigid_motions
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState, ContactTotals
-from ddmpi.mesh.boundary import SHARPEST, creases
+from ddmpi.mesh.boundary import creases
 from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import both_sides
 from ddmpi.system.doubts import Doubt
@@ -78,7 +78,7 @@ def _has_corner(interface: Interface, some: np.ndarray) -> bool:
     """Whether one of `some` rows is at a corner of the first side. Not collective."""
     facets = interface.geometry.facets[:, : interface.dimension]
     bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
-    return bool(np.isin(some, bent.nodes[np.abs(bent.turn) > SHARPEST]).any())
+    return bool(np.isin(some, bent.nodes[bent.corner]).any())
 
 
 def free_to_roll(

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from scipy import sparse
 from scipy.spatial import cKDTree
 
 from ddmpi.errors import InputError, naming, nearest
@@ -14,10 +15,13 @@ from ddmpi.mesh.elements import CELLS, Cell, cell_with, normals
 from ddmpi.mesh.mesh import PHYSICAL, Groups, Mesh, boundary_facets
 from ddmpi.mesh.refine import KINDS, bricks, distinct, middle_nodes, simplices
 from ddmpi.scene.bodies import BodySpec
-from ddmpi.system.numbers import across, in_words
+from ddmpi.system.numbers import SAME, across, in_words
 
 SHARPEST = np.deg2rad(40.0)
 """Where a boundary turns by more than this from one facet to the next, it has a corner; else it may be a curve."""
+
+COARSEST = np.deg2rad(55.0)
+"""Up to this turn successive facets may be those of a coarse curve, such as a circle of seven chords; see `curving`."""
 
 SAMPLES = 65
 """Points on a curve of a drawing by which its radius is found."""
@@ -99,7 +103,7 @@ def outer_normals(mesh: Mesh, name: str, key: str) -> tuple[np.ndarray, np.ndarr
     with naming(key):
         corners = mesh.facets(name).nodes[:, mesh.cell.facet.parts].reshape(-1, d)
     bends = creases(mesh.points, corners, normals(mesh.points[corners]))
-    sharp = np.flatnonzero(np.abs(bends.turn) > SHARPEST)
+    sharp = np.flatnonzero(bends.corner)
     if len(sharp):
         at = in_words(mesh.points[bends.nodes[sharp[0]]].mean(axis=0))
         raise InputError(
@@ -131,12 +135,14 @@ class Creases(NamedTuple):
     nodes : (c, d − 1) of each crease
     facets : (c, 2) the two that meet there
     turn : (c,) the angle between their normals, negative where the boundary is hollow (rad)
+    corner : (c,) bool, whether it is a corner, and of no curve
     rim : (r, d − 1) nodes where a facet meets no other, or more than one
     """
 
     nodes: np.ndarray
     facets: np.ndarray
     turn: np.ndarray
+    corner: np.ndarray
     rim: np.ndarray
 
 
@@ -155,9 +161,42 @@ def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Crea
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     turn = np.arccos(np.clip(np.einsum("cd,cd->c", normal[a], normal[b]), -1.0, 1.0))
     hollow = np.einsum("cd,cd->c", ends[b].mean(axis=1) - ends[a].mean(axis=1), normal[a]) > 0.0
-    return Creases(
-        nodes[count == 2], np.column_stack([a, b]), np.where(hollow, -turn, turn), nodes[count != 2]
-    )
+    turn = np.where(hollow, -turn, turn)
+    nodes, facets, rim = nodes[count == 2], np.column_stack([a, b]), nodes[count != 2]
+    found = Creases(nodes, facets, turn, np.zeros(len(turn), bool), rim)
+    return found._replace(corner=(np.abs(turn) > SHARPEST) & ~curving(points, found, turn, facets))
+
+
+def curving(points: np.ndarray, bends: Creases, turn: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """(c,) bool, at which creases sharper than SHARPEST the boundary may be a coarse curve: beyond both facets it turns on,
+    the same way and by at least half as much, or to an end above COARSEST.
+
+    Parameters
+    ----------
+    turn, facets : (c,) and (c, 2) as in `bends`; at a plane of symmetry those of the whole, twice the one facet there is
+    """
+    found = np.zeros(len(turn), bool)
+    sharp = np.flatnonzero((np.abs(turn) > SHARPEST) & (np.abs(turn) <= COARSEST))
+    if not len(sharp):
+        return found
+    number = np.tile(np.arange(len(turn)), 2)
+    of = sparse.csr_matrix((np.ones(len(number)), (bends.facets.T.ravel(), number)))
+    flat = sparse.diags((np.abs(bends.turn) <= SAME).astype(float))
+    reached = of + of @ flat @ of.T @ of  # also over the diagonal of a quadrilateral
+    way = points[bends.nodes[:, -1]] - points[bends.nodes[:, 0]]
+    length = np.linalg.norm(way, axis=1)
+    way /= np.where(length, length, 1.0)[:, None]
+    onward = np.full((2, len(sharp)), 0.0)
+    for side, total in enumerate(onward):
+        k, j = reached[facets[sharp, side]].nonzero()
+        i = sharp[k]
+        own = (bends.facets[j] == facets[i, side, None]).any(axis=1)
+        met = (bends.nodes[i][:, :, None] == bends.nodes[j][:, None]).any(axis=(1, 2))
+        along = np.where(length[i], np.abs((way[i] * way[j]).sum(axis=1)), 1.0)  # nodes have no way
+        on = np.where(np.abs(bends.turn[j]) > COARSEST, np.pi, bends.turn[j] * np.sign(turn[i]))
+        np.add.at(total, k, np.where((i != j) & (own | ~met), along * on, 0.0))
+    found[sharp] = (onward >= 0.5 * np.abs(turn[sharp])).all(axis=0)
+    return found
 
 
 def parts_of(on: str, known: Collection[str]) -> list[str]:

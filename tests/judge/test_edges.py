@@ -20,7 +20,9 @@ from ddmpi.judge.edges import (
     unbounded,
 )
 from ddmpi.judge.plausible import _in_thin_cell, _singular
-from ddmpi.mesh.mesh import Mesh
+from ddmpi.mesh.boundary import creases
+from ddmpi.mesh.elements import normals
+from ddmpi.mesh.mesh import Mesh, boundary_facets
 
 SOFT, STEEL = 1e9, 2e11
 ROLLERS = [{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}]
@@ -211,7 +213,9 @@ def test_dundurs_numbers():
     """Of like bodies none; of a rigid one α = 1, β = (1 − 2 ν) / (2 (1 − ν)); ν = 0 has no singular flush bond."""
 
     def ends(modulus: float, poisson: float) -> Ends:
-        return Ends(np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0), modulus, poisson)
+        return Ends(
+            np.zeros((0, 2, 2)), np.zeros(0), np.zeros(0), modulus, poisson, np.zeros(0, bool)
+        )
 
     assert mismatch([ends(1.0, 0.3), ends(1.0, 0.3)]) == pytest.approx(0.0, abs=1e-12)
     hard = mismatch([ends(1e12, 0.3), ends(1.0, 0.3)])
@@ -334,3 +338,99 @@ def test_a_bar_that_a_contact_cuts_has_no_corner_there(young, grows, around, law
     found = unbounded_of(solved)
     assert ({f"bodies.{name}.von_mises_max" for name in ("upper", "lower")} <= found) == grows
     assert bool(found) == grows
+
+
+def around(number: int, cells: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """The points of a regular polygon, with so many chords on every other side, and its sides, outward."""
+    ends = np.exp(2j * np.pi * np.arange(number + 1) / number)
+    at = np.concatenate(
+        [np.linspace(*ends[k : k + 2], (1 if k % 2 else cells) + 1)[:-1] for k in range(number)]
+    )
+    i = np.arange(len(at))
+    return np.column_stack([at.real, at.imag]), np.column_stack([i, np.roll(i, -1)])
+
+
+def raised(points: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The mantle of a prism two quadrilaterals high, each as two triangles."""
+    n = len(points)
+    solid = np.concatenate([np.column_stack([points, np.full(n, z)]) for z in range(3)])
+    low = np.concatenate([sides, sides + n])
+    high = low + n
+    return solid, np.concatenate(
+        [np.column_stack([low, high[:, 1]]), np.column_stack([low[:, 0], high[:, ::-1]])]
+    )
+
+
+@pytest.mark.parametrize("hollow", [False, True])
+@pytest.mark.parametrize(
+    ("number", "cells", "corners"), [(7, 1, 0), (8, 1, 0), (6, 1, 6), (4, 1, 4), (8, 3, 8)]
+)
+def test_coarse_curves_have_no_corners(number, cells, corners, hollow):
+    """Chords that all turn alike are a circle from seven on, in the plane and in space; chamfers of 45° are none."""
+    for points, sides in (around(number, cells), raised(*around(number, cells))):
+        outward = normals(points[sides]) * (-1.0 if hollow else 1.0)
+        bends = creases(points, sides, outward)
+        found = bends.corner
+        assert found.sum() == corners * (points.shape[1] - 1)
+        assert (np.sign(bends.turn[found]) == (-1.0 if hollow else 1.0)).all()
+
+
+def ring(name: str, radii: list[float], chords: int, end: float = 360.0, **keys) -> dict:
+    mesh = {"shape": "annulus", "center": [0.0, 0.0], "radii": radii, "angles": [0.0, end]}
+    material = {"young": STEEL, "poisson": 0.3}
+    return {"name": name, "mesh": mesh | {"divisions": [chords, 2]}, "material": material} | keys
+
+
+PRESSED = {"traction": [{"on": "inner", "pressure": 1e6}]}
+HOLES = {
+    "ring": [ring("a", [1.0, 2.0], 7, **PRESSED, clamp=["outer"])],
+    "quarter": [
+        ring(
+            "a",
+            [1.0, 2.0],
+            2,
+            90.0,
+            **PRESSED,
+            clamp=[{"on": "start", "y": 0.0}, {"on": "end", "x": 0.0}],
+        )
+    ],
+    "bond": [ring("a", [1.0, 2.0], 7, **PRESSED), ring("b", [2.0, 3.0], 7, clamp=["outer"])],
+}
+
+
+@pytest.mark.parametrize("bodies", HOLES.values(), ids=HOLES)
+def test_coarse_rings_have_finite_stresses(bodies):
+    """Also a quarter of one, cut at planes of symmetry, and where two are bonded."""
+    bond = {"bodies": ["a", "b"], "on": ["outer", "inner"], "kind": "bonded"}
+    answer = ddmpi.solve({"body": bodies, "contact": [bond][: len(bodies) - 1]})
+    assert not [words for words in answer.summary["warnings"] if "without limit" in words]
+    assert unbounded_of(answer.solved) == set()
+
+
+@pytest.mark.parametrize("young", [STEEL, 2e9])
+def test_a_corner_inside_a_bond_is_no_end_of_it(young):
+    """A square in a square hole: of one material it is one body without a corner."""
+    x, y = np.meshgrid(np.arange(7.0), np.arange(7.0))
+    points = np.column_stack([x.ravel(), y.ravel()]) - 3.0
+    corner = np.arange(49).reshape(7, 7)[:-1, :-1].reshape(-1, 1)
+    cells = np.concatenate([np.add(corner, [0, 1, 8]), np.add(corner, [0, 8, 7])])
+    inside = (np.abs(points[cells].mean(axis=1)) < 1.0).all(axis=1)
+    bodies = []
+    for name, chosen, seam in (("peg", inside, 1.0), ("plate", ~inside, 3.0)):
+        used, own = np.unique(cells[chosen], return_inverse=True)
+        own = own.reshape(-1, 3)
+        facets = boundary_facets(own, 2)[0]
+        apart = np.abs(points[used][facets]).max(axis=2).max(axis=1)
+        mesh = {"points": points[used], "cells": own}
+        mesh["groups"] = {"seam": facets[apart == 1.0], "rim": facets[apart == seam]}
+        material = {"young": young if name == "peg" else STEEL, "poisson": 0.3}
+        bodies.append({"name": name, "mesh": mesh, "material": material})
+    bodies[1]["clamp"] = [{"on": "rim", "x": "1e-3 * x", "y": 0.0}]
+    bond = {"bodies": ["peg", "plate"], "on": ["seam", "seam"], "kind": "bonded"}
+    answer = ddmpi.solve({"body": bodies, "contact": [bond]})
+    assert not [words for words in answer.summary["warnings"] if "the end of the bond" in words]
+    found = unbounded_of(answer.solved) & {
+        "bodies.peg.von_mises_max",
+        "contacts.peg-plate.pressure_max",
+    }
+    assert found == (set() if young == STEEL else {"bodies.peg.von_mises_max"})

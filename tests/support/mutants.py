@@ -5014,7 +5014,7 @@ MUTANTS = [
         (
             "flush bonds of like bodies have corners",
             "judge/edges",
-            "sharp &= ~known[bends.nodes].all(axis=1)",
+            "sharp &= ~known_finite(mesh, edges.by_body[name])",
             "pass",
             "judge/test_edges.py::test_a_bar_that_a_contact_cuts_has_no_corner_there",
         ),
@@ -5045,6 +5045,20 @@ MUTANTS = [
             "1.0 / (1.0 + poisson) if stress else 1.0 - poisson",
             "0.0",
             "judge/test_edges.py::test_the_corner_of_a_clamped_side_is_told",
+        ),
+        (
+            "a corner inside a bond is an end of it",
+            "judge/edges",
+            "if interface.layer or (bonded and inner.all())",
+            "if interface.layer",
+            "judge/test_edges.py::test_a_corner_inside_a_bond_is_no_end_of_it",
+        ),
+        (
+            "a chamfer beside a flat side is a curve",
+            "mesh/boundary",
+            "(onward >= 0.5 * np.abs(turn[sharp])).all(axis=0)",
+            "(onward >= 0.5 * np.abs(turn[sharp])).any(axis=0)",
+            "judge/test_edges.py::test_coarse_curves_have_no_corners",
         ),
         (
             "a notch at a plane of symmetry is no corner",
