@@ -1,6 +1,6 @@
 """Warnings about a scene and its certified answer; `LIMIT` has the limits of all of them."""
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 import scipy.sparse as sparse
@@ -9,6 +9,7 @@ from scipy.sparse import csgraph
 
 from ddmpi.body.elasticity import apply
 from ddmpi.body.estimate import DiscretizationError
+from ddmpi.body.rigid_motions import rigid_motions
 from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import Answered, ContactState, ContactTotals
 from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps, known_finite
@@ -17,7 +18,6 @@ from ddmpi.judge.rolls import doubt_rolls, free_to_roll
 from ddmpi.mesh.boundary import creases
 from ddmpi.mesh.elements import CELLS, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, tangents
-from ddmpi.scene.bodies import SettledBody
 from ddmpi.scene.contacts import both_sides
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import gathered
@@ -49,12 +49,16 @@ LIMIT = {
     "few": 5,  # _few_nodes: closed nodes across a contact of bodies that move far
     "zone": 0.1,  # _unresolved_zone: least force of a zone on few nodes, over that of the contact
     "stress": 0.1,  # doubt_stress: least stress at a singularity, over the largest of all bodies
+    "bent": 0.1,  # doubt_mesh: displacement of a body beside its rigid motion, over its largest one
     "means": 0.25,  # _hidden_in_means: mean square of cells' stresses over that at nodes; 0 to 1/6 in a strip that bends
     # with one cell across, 1/2 and more with two
 }
 """Limits of all warnings about a scene and its answer, with the functions that warn; but those of `motions` for free
 motions of loose bodies, and those of `overlap`."""
 
+
+Stresses = Mapping[str, tuple[np.ndarray, np.ndarray] | None]
+"""Von Mises stresses (Pa) of a rank's bodies, of cells (nt,) and at nodes (nv,); None where they are not wanted."""
 
 ROUNDED = ("uncertain", "undecided")  # the kinds of doubts of forces that rounding decides
 
@@ -222,8 +226,7 @@ def _rigid(assembly: Assembly, answer: Answered) -> dict[str, np.ndarray]:
         u = answer.displacements[body.spec.name]
         found[body.spec.name] = 0.0 * u
         if len(body.member.e):
-            M = body.member.motions.reshape(u.size, -1)
-            found[body.spec.name] = (M @ np.linalg.solve(M.T @ M, M.T @ u.ravel())).reshape(u.shape)
+            found[body.spec.name] = _fitted(body.member.motions, u)
     return found
 
 
@@ -350,9 +353,27 @@ def _points_that_carry(
             )
 
 
-def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> list[str]:
-    """A warning of elements that make the estimated discretization error large, of linear ones also that of a body whose
-    energy is little beside that of others. Not collective."""
+def doubt_mesh(
+    assembly: Assembly,
+    error: DiscretizationError,
+    displacements: Mapping[str, np.ndarray],
+    stresses: Stresses,
+) -> list[str]:
+    """A warning, on the first rank, of elements that make the estimated discretization error large, of linear ones also
+    that of a body whose energy is little beside that of others. `displacements` (nv, d) are of this rank's bodies (m),
+    `stresses` as in `doubt_stress`. Collective."""
+    of_rank = {
+        body.spec.name: (
+            _bent(body, displacements[body.spec.name]),
+            0.0 if both is None else float(both[0].max()),
+        )
+        for body in assembly.bodies
+        for both in [stresses[body.spec.name]]
+    }
+    of_all = gathered(assembly.world, of_rank)
+    if assembly.world.rank:
+        return []
+    bodies = assembly.scene.body
     k = int(np.argmax([error.by_body[body.name] for body in bodies]))
     what, cure, limit = {
         1: (
@@ -367,17 +388,41 @@ def doubt_mesh(bodies: Sequence[SettledBody], error: DiscretizationError) -> lis
         ),
     }[bodies[k].mesh.order]
     if not error.relative > LIMIT[limit]:
-        return [] if limit == "quadratic" else _hidden(error)
+        least = LIMIT["stress"] * max((stress for _, stress in of_all.values()), default=0.0)
+        seen = [
+            name
+            for name, (bent, stress) in of_all.items()
+            if bent > LIMIT["bent"] or stress > least
+        ]
+        return [] if limit == "quadratic" else _hidden(error, seen)
     return [
         f"body.{bodies[k].name}: {what}: the estimated discretization error is {error.relative:.2g}, "
         f"of which this body has {error.by_body[bodies[k].name]:.2g}; use {cure}"
     ]
 
 
-def _hidden(error: DiscretizationError) -> list[str]:
-    """A warning of the body whose linear elements are the stiffest, where other bodies have most of the energy."""
+def _bent(body: Body, u: np.ndarray) -> float:
+    """The largest displacement of a body beside its rigid motion in the mean, over its largest one; `u` is (nv, d)."""
+    points = body.mesh.points
+    motions = rigid_motions(points, points.mean(axis=0), body.mesh.extent)
+    M = motions[:, :, 1:2] if body.mesh.axisymmetric else motions  # around an axis along it alone
+    largest = np.linalg.norm(u, axis=1).max()
+    return float(np.linalg.norm(u - _fitted(M, u), axis=1).max() / largest) if largest else 0.0
+
+
+def _fitted(motions: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """The combination of `motions` (nv, d, j) that is nearest to the displacements u (nv, d)."""
+    M = motions.reshape(u.size, -1)
+    return (M @ np.linalg.solve(M.T @ M, M.T @ u.ravel())).reshape(u.shape)
+
+
+def _hidden(error: DiscretizationError, seen: Collection[str]) -> list[str]:
+    """A warning of the body whose linear elements are the stiffest, where other bodies have most of the energy: of those
+    that are `seen`, whose displacements or stresses depend on it."""
     least = np.sqrt(LIMIT["idle"])
-    own = {name: size for name, size in error.own.items() if error.by_body[name] > least}
+    own = {
+        name: own for name, own in error.own.items() if name in seen and error.by_body[name] > least
+    }
     name = max(own, key=lambda name: own[name], default="")
     if not (name and own[name] > LIMIT["linear"]):
         return []
@@ -390,7 +435,7 @@ def _hidden(error: DiscretizationError) -> list[str]:
 
 def doubt_stress(
     assembly: Assembly,
-    stresses: Mapping[str, tuple[np.ndarray, np.ndarray] | None],
+    stresses: Stresses,
     edges: Mapping[str, list[Singular]],
 ) -> list[str]:
     """Warnings, on the first rank, of bodies whose largest stress stands where that of the continuum is infinite, in a

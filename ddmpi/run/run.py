@@ -484,8 +484,9 @@ def _of_answer(solved: Solved, free: list[str], edges: Edges) -> list[str]:
     warnings += steps.doubts_beside([*doubts, *free])
     if not scene.output.only:
         stresses = {name: _resolved(solved, name) for name in solved.fields}
-        warnings += [] if world.rank else doubt_mesh(scene.body, solved.error)
-        warnings += doubt_stress(assembly.in_world(), stresses, edges.by_body)
+        here = assembly.in_world()
+        warnings += doubt_mesh(here, solved.error, solution.displacements, stresses)
+        warnings += doubt_stress(here, stresses, edges.by_body)
     unsolved = f"their equations are not solved to {ENOUGH:.0e}"
     for key, entry in () if world.rank else steps.derived[0].items():
         if entry is None:
