@@ -53,7 +53,8 @@ def functions(node: ast.AST, name: str) -> Iterator[Function]:
     """All functions below a node, named as in ``coupling/joint:Joint.mult``."""
     for child in ast.iter_child_nodes(node):
         if not isinstance(child, ast.FunctionDef | ast.ClassDef):
-            yield from functions(child, name)
+            if isinstance(child, ast.stmt | ast.excepthandler | ast.match_case):
+                yield from functions(child, name)
             continue
         inner = f"{name}{'.' if ':' in name else ':'}{child.name}"
         if isinstance(child, ast.FunctionDef):

@@ -4,6 +4,7 @@ import ast
 
 import pytest
 import ruler
+from trees import trees
 
 COMPLEX: dict[str, int] = {}
 """Functions of the program beyond `ruler.MOST_COMPLEX`, with their complexity. Numbers only fall."""
@@ -21,11 +22,7 @@ def beyond(measured: dict[str, int], listed: dict[str, int], most: int) -> dict[
 
 @pytest.fixture(scope="module")
 def functions() -> list[ruler.Function]:
-    return [
-        each
-        for module, text in ruler.sources("ddmpi")
-        for each in ruler.functions(ast.parse(text), module)
-    ]
+    return [each for module, tree in trees().items() for each in ruler.functions(tree, module)]
 
 
 def overstated(measured: dict[str, int], listed: dict[str, int]) -> dict[str, int]:

@@ -13,6 +13,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
 
+from trees import trees
+
 ROOT = Path(__file__).resolve().parents[2]
 
 LEFT_OUT = ("cli", "pictures")
@@ -55,10 +57,9 @@ def texts(node: ast.AST, inside: bool = False) -> Iterator[list[str]]:
 def messages() -> dict[str, list[str]]:
     """The parts of each message, by its file and its longest part."""
     found = {}
-    for path in sorted((ROOT / "ddmpi").rglob("*.py")):
-        file = path.relative_to(ROOT / "ddmpi").with_suffix("").as_posix()
+    for file, tree in trees().items():
         if file.partition("/")[0] not in LEFT_OUT:
-            for parts in texts(ast.parse(path.read_text(encoding="utf-8"))):
+            for parts in texts(tree):
                 pattern = any("(?:" in part for part in parts)
                 if sum(len(part.split()) for part in parts) >= WORDS and not pattern:
                     found[f"{file}: {' '.join(max(parts, key=len).split())}"] = parts
@@ -75,10 +76,16 @@ def unasked() -> set[str]:
                 of[part[k : k + KNOWN_BY]].add(name)
     own = {gram: name for gram, (name, *others) in of.items() if not others}
     left = set(own.values())
-    for path in (ROOT / "tests").rglob("*.py"):
-        if path.name not in NO_TESTS:
-            # patterns have signs before brackets, and texts go on in the next line
-            text = re.sub(r'"\s*\n\s*f?"|\\', "", path.read_text(encoding="utf-8"))
+    files = [path for path in (ROOT / "tests").rglob("*.py") if path.name not in NO_TESTS]
+    # patterns have signs before brackets, and texts go on in the next line
+    tests = [re.sub(r'"\s*\n\s*f?"|\\', "", path.read_text(encoding="utf-8")) for path in files]
+    for test in tests:  # nearly all stand in simple quotes
+        for text in re.findall(r'"[^"\n]*"', test):
             parts = (text[k : k + KNOWN_BY] for k in range(len(text) - KNOWN_BY + 1))
             left -= {own[part] for part in parts if part in own}
-    return left
+    whole = "\n".join(tests)
+    return {
+        name
+        for name in left
+        if not any(part in whole for part, of_name in own.items() if of_name == name)
+    }
