@@ -108,9 +108,8 @@ class RigidSets:
         """Write a rigid set that has whole faces of bodies; the reason where it is not possible."""
         if self.acts.axisymmetric:
             return "around an axis"
-        (held, of_held), (loads, of_loads) = (
-            self._parts(kind, rigid) for kind in ("supports", "forces")
-        )
+        held, of_held = self._parts("supports", rigid)
+        loads, of_loads = self._parts("forces", rigid, ~np.isnan(held))
         d = len(self.acts.axes)
         both = np.nan_to_num([held, loads])
         within = [0, 1, 5] if d == 2 else [*range(6)]
@@ -174,11 +173,6 @@ class RigidSets:
             return "some of its turns are given, and others are free"
         if held[d:].any():
             return "its turns are given, and some of its displacements are free"
-        if (given & (loads != 0.0)).any():
-            self.notes.changed(
-                rigid.card, "forces along displacements that are given change nothing"
-            )
-        loads = np.where(given, 0.0, loads)
         name = own_name("rigid", [*(one["name"] for one in self.partners), *self.clamps])
         partner: Entries = {"name": name} | self._surface(faces, rigid.only)
         guided = {"kind": "guided", "gap": 0.0}
@@ -267,16 +261,23 @@ class RigidSets:
         for piece, facets in faces:
             self.clamps[piece.name].append({"on": piece.group(facets, "rigid")} | moved | more)
 
-    def _parts(self, kind: str, rigid: Rigid) -> tuple[np.ndarray, dict[History, np.ndarray]]:
+    def _parts(
+        self, kind: str, rigid: Rigid, given: Sequence[bool] | np.ndarray = (False,) * 9
+    ) -> tuple[np.ndarray, dict[History, np.ndarray]]:
         """Shifts or forces, and turns or moments of the reference nodes, and what has no meaning (9,), NaN where there
-        is none; and those that are not zero by their histories."""
+        is none; and those that are not zero by their histories. Forces along `given` displacements are left out."""
         values = np.full(9, np.nan)
         histories = defaultdict[History, np.ndarray](lambda: np.zeros(9))
         apart = rigid.turn != rigid.ref
         for (node, component), acting in self.kinds[kind].items():
             if node in (rigid.ref, rigid.turn):
-                value, history = self.acts.factor(acting)
                 k = component - 1 + 3 * (node == rigid.turn and apart)
+                if given[k]:
+                    if acting.moves:
+                        words = "forces along displacements that are given change nothing"
+                        self.notes.changed(rigid.card, words)
+                    continue
+                value, history = self.acts.factor(acting)
                 values[k] = np.nansum([values[k], value]) if kind == "forces" else value
                 if value:
                     histories[history][k] += value

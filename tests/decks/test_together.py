@@ -103,6 +103,19 @@ def test_a_given_motion_is_that_of_all_faces(tmp_path):
     assert evaluate(a[0]["z"], z) == pytest.approx(0.01 - 0.002 * (z - 2.5))
 
 
+def test_forces_that_given_displacements_take_change_nothing(tmp_path):
+    """They are told, whether all of the displacements are given or some, and whatever history they have."""
+    moved = "*BOUNDARY\n900, 1, 2\n900, 3, 3, 0.01\n900, 4, {}\n*CLOAD"
+    for last, words in (6, "900, 3, 5.\n900, 4, 7."), (3, "900, 3, 5."):
+        held = moved.format(last) if last > 3 else moved.replace("900, 4, {}\n", "")
+        deck = TWO + SETS["couplings"]
+        plain, _ = imported(tmp_path, deck + step(held) + step())
+        for steps in step(held, words) + step(), step(held) + step("*CLOAD", words):
+            scene, lists = imported(tmp_path, deck + steps)
+            assert scene == plain
+            assert "forces along displacements that are given change nothing" in lists
+
+
 def test_a_rigid_body_in_the_plane(tmp_path):
     """Force and moment of a reference node in the plane are per depth; the turn is the component 6."""
     deck = grid("A", (8, 2), (4.0, 1.0)) + STEEL + SECTION + "0.5\n*NODE\n900, 6., 0.5\n"
