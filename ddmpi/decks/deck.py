@@ -3,7 +3,8 @@
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from itertools import chain
+from functools import cached_property
+from itertools import accumulate, chain, product
 from pathlib import Path
 from typing import Any
 
@@ -206,6 +207,13 @@ class Deck:
             self._listed.append((card, kind, [one for one in found if isinstance(one, int)]))
         return found
 
+    @property
+    def outside(self) -> list[Card]:
+        """The keywords that stand in no step."""
+        words = (card.word for card in self.cards)
+        within = accumulate((word == "STEP") - (word == "ENDSTEP") for word in words)
+        return [card for card, inside in zip(self.cards, within, strict=True) if not inside]
+
     def lost(self) -> Iterator[tuple[Card, str]]:
         """Keywords of sets and surfaces that name nodes or elements that are not there, and these in words."""
         for card, kind, named in self._listed:
@@ -277,7 +285,9 @@ class Deck:
             return card
         frame = _frame(place)
         ends = vector(card.values(), 6).reshape(2, 3)
-        round_axis = (card.says("TYPE") or card.says("SYSTEM", "R"))[:1] != "R"
+        round_axis = card.word == "CYCLICSYMMETRYMODEL" or (
+            (card.says("TYPE") or card.says("SYSTEM", "R"))[:1] != "R"
+        )
         moved = frame.at(ends) if round_axis else frame.along(ends)
         row = [*map(repr, moved.ravel().tolist()), *card.rows[0][6:]]
         return card._replace(rows=[row, *card.rows[1:]])

@@ -9,7 +9,17 @@ from typing import Any
 import numpy as np
 
 from ddmpi.decks.acting import Acts, later
-from ddmpi.decks.cards import Acting, Card, DeckError, Entries, called, entry, number, numbers
+from ddmpi.decks.cards import (
+    Acting,
+    Card,
+    DeckError,
+    Entries,
+    called,
+    entry,
+    number,
+    numbers,
+    vector,
+)
 from ddmpi.decks.pieces import Piece, Side
 from ddmpi.scene.contacts import Closure
 from ddmpi.system.numbers import Frame
@@ -317,8 +327,8 @@ def _image(wheel: Card, slave: np.ndarray, master: np.ndarray) -> Entries:
     """The image of the master's flank with this middle (3,) that is at the slave's: a turn by one sector, forwards or
     back. Raises InputError."""
     with wheel.reading():
-        place = np.array(wheel.values())
-        if len(place) != 6 or not np.any(place[3:] != place[:3]):
+        place = vector(wheel.values(), 6)
+        if len(wheel.values()) < 4 or not np.any(place[3:] != place[:3]):
             raise DeckError("its axis is given by two points in space")
         count = number(wheel.given.get("N", "0"))
         if count < 2 or count % 1:

@@ -105,22 +105,23 @@ class Model:
         self.orientations = {
             name: self._standing(card) for name, card in self._by_name("ORIENTATION").items()
         }
+        outside = deck.outside
         self.transforms: dict[int, Card] = {}
-        for card in deck.cards:
+        for card in outside:
             if card.word == "TRANSFORM":
                 self._on_transform_of_nodes(card)
         self.large = False  # whether a step has NLGEOM
         self.left_out = set[int]()  # places of the cards of steps that leave the state as it is
         self.rigid: list[Rigid] = []
         self.equations: dict[tuple[int, int], tuple[Card, list[tuple[int, int, float]]]] = {}
-        self.bolts = [card for card in deck.cards if card.word == "PRE-TENSIONSECTION"]
+        self.bolts = [self._standing(card) for card in outside if card.word == "PRE-TENSIONSECTION"]
         self.bolt_nodes = {
             node for card in self.bolts for node in self._nodes(card, card.given.get("NODE", ""))
         }
         self.locked: dict[int, float] = {}  # bolts whose offset is kept from this time on
         self._refs = {
             node
-            for card in deck.cards
+            for card in outside
             for key in ("REFNODE", "ROTNODE")
             if key in card.given
             for node in self._nodes(card, card.given[key])
@@ -199,7 +200,7 @@ class Model:
         return nodes.pop()
 
     def _read(self) -> None:
-        for card in self.deck.cards:
+        for card in self.deck.outside:
             if card.word == "MPC":  # before the loads on its nodes of rotations
                 with card.reading():
                     self._constrain(card)
@@ -532,7 +533,7 @@ class Model:
     def _on_cyclicsymmetrymodel(self, card: Card) -> None:
         if card.name_of("TIE") in self.wheels:
             raise DeckError("a second cyclic symmetry of this tie")
-        self.wheels[card.name_of("TIE")] = card
+        self.wheels[card.name_of("TIE")] = self._standing(card)
 
     def _on_clearance(self, card: Card) -> None:
         if "VALUE" not in card.given:

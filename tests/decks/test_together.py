@@ -360,6 +360,11 @@ SAME = [
     ("*DENSITY", "*CONDUCTIVITY\n50.\n*SPECIFIC HEAT\n4.5E8\n*DAMPING, ALPHA=1.\n*DENSITY"),
     ("*END STEP", "*END STEP\n*STEP, PERTURBATION\n*FREQUENCY\n10\n*BOUNDARY\nA_X1, 1\n*END STEP"),
     ("*END STEP", "*END STEP\n*STEP\n*BUCKLE\n10\n*CLOAD\nA_X1, 1, 1.\n*END STEP"),
+    (
+        "*END STEP",
+        "*END STEP\n*STEP\n*BUCKLE\n10\n*TRANSFORM, NSET=A_Z1\n0., 0., 1., 1., 0., 0.\n"
+        "*PRE-TENSION SECTION, NODE=36, SURFACE=NO\n*MPC\nBEAM, A_Z1, 1\n*END STEP",
+    ),
     ("*END STEP", "*FILM, OP=NEW\n*DFLUX\nA, BF, 1.\n*CFLUX\nA_Z1, 11, 1.\n*RADIATE\n*END STEP"),
     (
         "*STEP",
@@ -938,6 +943,37 @@ def test_transforms_turn_with_their_instance(tmp_path):
     )
     force = imported(tmp_path, deck)[0]["body"][0]["traction"][0]["force"]
     assert force == pytest.approx([0.0, 4.0, 0.0], abs=1e-12)
+
+
+def test_a_bolt_turns_with_its_instance(tmp_path):
+    """The normal of its section is that of the part: upside down, the bolt is pulled as before."""
+    part = "*PART, NAME=P\n" + grid("A", (1, 1, 4), (1.0, 1.0, 4.0)) + SECTION
+    part += "*SURFACE, NAME=CUT\n2, S2\n*END PART\n*PART, NAME=Q\n*NODE, NSET=N\n1, 9., 9., 9.\n"
+    joint = "*PRE-TENSION SECTION, SURFACE=CUT, NODE=B.1\n0., 0., 1.\n"
+    whole = "*END PART\n*ASSEMBLY, NAME=S\n*INSTANCE, NAME=I, PART=P\n{}{}*END INSTANCE\n"
+    whole += "*INSTANCE, NAME=B, PART=Q\n*END INSTANCE\n*END ASSEMBLY\n" + STEEL
+    held = "*BOUNDARY\nI.A_Z0, 1, 3\nI.A_Z1, 1, 3\n" + step("*CLOAD", "B.1, 1, 50.")
+    for place in "", "0., 0., 5.\n0., 0., 0., 1., 0., 0., 180.\n":
+        scene, _ = imported(tmp_path, part + whole.format(place, joint) + held)
+        pull = scene["contact"][0]["pretension"]
+        sense = -1.0 if place else 1.0
+        assert pull == {"force": 50.0, "along": pytest.approx([0.0, 0.0, sense], abs=1e-12)}
+
+
+def test_a_sector_turns_with_its_instance(tmp_path):
+    """Its axis is that of the part, where the instance has it."""
+    mesh, rest = sector(WHEEL).split("*MATERIAL")
+    matter, rest = rest.split("*SOLID SECTION")
+    inside, outside = rest.split("*STEP")
+    place = "5., 0., 0.\n0., 0., 0., 1., 0., 0., 90.\n"
+    deck = f"*PART, NAME=P\n{mesh}*SOLID SECTION{inside.replace('*BOUNDARY', '*NSET, NSET=N')}"
+    deck = deck.replace("N\nA_Z0, 3, 3\n", "N\nA_Z0\n") + "*END PART\n*ASSEMBLY, NAME=S\n"
+    deck += f"*INSTANCE, NAME=I, PART=P\n{place}*END INSTANCE\n*END ASSEMBLY\n*MATERIAL{matter}"
+    deck += "*BOUNDARY\nI.A_Z0, 1, 3\n*STEP" + outside.replace("A, P6", "I.A, P6")
+    (contact,) = imported(tmp_path, deck)[0]["contact"]
+    assert contact["image"]["pivot"] == pytest.approx([5.0, 0.0, 0.0])
+    assert contact["image"]["axis"] == pytest.approx([0.0, -2.0, 0.0], abs=1e-12)
+    assert contact["image"]["turn"] == 90.0
 
 
 def test_each_part_has_orientations_of_its_own(tmp_path):
