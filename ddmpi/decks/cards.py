@@ -183,7 +183,7 @@ PARAMETERS = {
         "DENSITY": "",
         "EXPANSION": "TYPE ZERO",
         "INITIALCONDITIONS": "TYPE FILE",
-        "AMPLITUDE": "NAME TIME DEFINITION VALUE USER SMOOTH",
+        "AMPLITUDE": "NAME TIME DEFINITION VALUE USER SMOOTH SHIFTX SHIFTY",
         "STEP": "NAME NLGEOM INC INCF UNSYMM EXTRAPOLATION CONVERTSDI SOLVER AMPLITUDE",
         "STATIC": "DIRECT SOLVER STABILIZE ALLSDTOL CONTINUE FACTOR",
         "BOUNDARY": OVER_TIME + "TYPE FIXED SUBMODEL USER STEP",
@@ -543,12 +543,14 @@ def _goes_on(line: str, following: str) -> bool:
 def factors(amplitude: Card) -> np.ndarray:
     """Times and factors (k, 2) of *AMPLITUDE. Raises InputError."""
     with amplitude.reading():
-        values = numbers([word for row in amplitude.rows for word in row if word])
-        if not values or len(values) % 2:
+        words = [word for row in amplitude.rows for word in row]
+        if not words or "" in words or len(words) % 2:
             raise DeckError("it needs pairs of a time and a factor")
+        values = numbers(words)
         if (np.diff(values[::2]) < 0.0).any():
             raise DeckError("its times must not fall")
-    return np.reshape(values, (-1, 2))
+        shift = [number(amplitude.given.get(key) or "0") for key in ("SHIFTX", "SHIFTY")]
+    return np.reshape(values, (-1, 2)) + shift
 
 
 def axes(card: Card, place: Sequence[float] = ()) -> np.ndarray:

@@ -12,6 +12,8 @@ import numpy as np
 
 from ddmpi.decks.cards import (
     EVERY,
+    FAMILIES,
+    SIDES,
     Block,
     Card,
     DeckError,
@@ -19,12 +21,15 @@ from ddmpi.decks.cards import (
     Instance,
     along,
     called,
+    corners,
     element,
     entry,
     face,
+    faces,
     integer,
     numbers,
     read_cards,
+    shape,
     vector,
 )
 from ddmpi.system.numbers import Frame
@@ -46,6 +51,39 @@ Entry = int | tuple[str, str] | tuple[str, str, int | None]
 many entries of that one count, if not all: those that it has so far."""
 
 
+def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
+    """The nodes (f, 8) of all faces of elements, corners in the first four columns, then middles of the sides, −1 where
+    there are fewer; and the element and the number of each face (f, 2)."""
+    found = [np.empty((0, 8), int)]
+    owners = [np.empty((0, 2), int)]
+    for block in blocks:
+        nodes = block.entries[:, 1:]
+        number = corners(block.kind)
+        sides = {frozenset(side): number + k for k, side in enumerate(SIDES[shape(block.kind)])}
+        for k, ends in enumerate(faces(block.kind), 1):
+            around = list(zip(ends, ends[1:] + ends[:1], strict=True)) if len(ends) > 2 else [ends]
+            middles = [sides[frozenset(side)] for side in around] if nodes.shape[1] > number else []
+            rows = np.full((len(nodes), 8), -1)
+            rows[:, : len(ends)] = nodes[:, list(ends)]
+            rows[:, 4 : 4 + len(middles)] = nodes[:, middles]
+            found.append(rows)
+            owners.append(np.column_stack([block.entries[:, 0], np.full(len(nodes), k)]))
+    return np.concatenate(found), np.concatenate(owners)
+
+
+def nodes_of_faces(blocks: Sequence[Block], ends: set[End]) -> np.ndarray:
+    """The nodes (f, 8), as of `all_faces`, of the faces `ends` (element, number)."""
+    rows, owners = all_faces(blocks)
+    return rows[[end in ends for end in map(tuple, owners.tolist())]]
+
+
+def are_free(rows: np.ndarray) -> np.ndarray:
+    """(f,) bool, which of all faces of elements, with these nodes (f, 8), no other element has."""
+    ends = np.sort(rows[:, :4], axis=1)
+    _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
+    return count[number.ravel()] == 1
+
+
 class Deck:
     """Nodes, elements, sets and surfaces of an Abaqus or CalculiX deck.
 
@@ -61,7 +99,7 @@ class Deck:
     sets : entries by kind and key: sets of nodes and of elements, surfaces of nodes, and of elements with their sides
     names : of sets and surfaces that are not internal, by kind and key, as they are written
     elements : all numbers of elements
-    grown : keywords that add to a set, and those before them that take this set as it is there
+    told : keywords that add to a set or a surface, and what is said of them
     """
 
     def __init__(self, path: Path) -> None:
@@ -84,7 +122,7 @@ class Deck:
         self.unsorted = set[str]()  # keys of sets whose order counts
         self._surfaces: dict[str, Card] = {}
         self.elements = set[int]()
-        self.grown: list[tuple[Card, Card]] = []
+        self.told: list[tuple[Card, str]] = []
         self._taken: dict[
             tuple[str, str], Card
         ] = {}  # the first keyword that takes a set, by kind and key
@@ -167,8 +205,10 @@ class Deck:
         name = card.given["NAME"]
         kind = "NODES" if card.says("TYPE") == "NODE" else "SURFACE"
         other = self._surfaces.setdefault(called(f"{card.scope}.{name}"), card)
-        if other.place != card.place:
+        if (other.says("TYPE") == "NODE") != (kind == "NODES"):
             raise DeckError(f"there is a surface {name} on line {other.line} already")
+        if other.place != card.place:
+            self.told.append((card, f"adds to that of line {other.line}, as in CalculiX"))
         of = "NSET" if kind == "NODES" else "ELSET"
         found: list[Any] = self._entries(card, of, (row[0] for row in card.rows))
         if kind == "SURFACE":
@@ -185,7 +225,8 @@ class Deck:
         members = self.sets[kind].setdefault(called(name), [])
         before = self._taken.get((kind, called(name)))
         if before and not set(entries) <= set(members):
-            self.grown.append((card, before))
+            words = f"line {before.line} has the set as it is there, without these"
+            self.told.append((card, f"{words}, as in Abaqus and CalculiX"))
         members.extend(entries)
 
     def _entries(self, card: Card, kind: str, words: Iterable[str]) -> list[Entry]:
@@ -267,15 +308,21 @@ class Deck:
             raise DeckError(f"there is no surface {name} of element faces")
         found: list[End] = []
         for what, where in self.sets["SURFACE"][key]:
-            if not re.fullmatch(r"[SE]\d", where):
-                raise DeckError(
-                    f"the surface {name} has a side {where or '(none)'} that is no face S1 to S6"
-                )
-            some = self.members("ELSET", what) & self.elements
-            found += [(one, int(where[1])) for one in sorted(some)]
+            if where and not re.fullmatch(r"[SE]\d", where):
+                raise DeckError(f"the surface {name} has a side {where} that is no face S1 to S6")
+            some = sorted(self.members("ELSET", what) & self.elements)
+            sides = [int(where[1])] if where else range(1, 7)
+            found += [end for end in product(some, sides) if where or end in self._free]
         if not found:
             raise DeckError(f"the surface {name} is empty")
         return [*dict.fromkeys(found)]
+
+    @cached_property
+    def _free(self) -> set[End]:
+        """The faces of elements that a scene may have, and no other element has."""
+        own = [block for block in self.blocks if FAMILIES.match(block.card.says("TYPE"))]
+        rows, owners = all_faces(own)
+        return set(map(tuple, owners[are_free(rows)].tolist()))
 
     def stands(self, card: Card) -> Card:
         """A card of directions or of an axis, such as *ORIENTATION, as it is where its instance stands. Raises

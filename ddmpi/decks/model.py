@@ -36,8 +36,7 @@ from ddmpi.decks.cards import (
     numbers,
     vector,
 )
-from ddmpi.decks.deck import STRIDE, Deck
-from ddmpi.decks.pieces import nodes_of_faces
+from ddmpi.decks.deck import STRIDE, Deck, nodes_of_faces
 from ddmpi.errors import InputError
 
 TAKEN = {

@@ -17,16 +17,14 @@ from scipy.sparse import csgraph
 from ddmpi.decks.cards import (
     EXACT,
     KEPT,
-    SIDES,
     Block,
     Card,
     End,
     are_upright,
     corners,
-    faces,
     shape,
 )
-from ddmpi.decks.deck import STRIDE
+from ddmpi.decks.deck import STRIDE, all_faces, are_free, nodes_of_faces
 
 Cut = tuple[Card, set[End], np.ndarray, np.ndarray]
 """A section of a bolt: its keyword, the faces of elements on one side, the nodes there, and those around the layer of
@@ -120,34 +118,6 @@ def cut(
     return _apart(apart, layer, around), section, np.unique(rows[np.isin(apart, around)])
 
 
-def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
-    """The nodes (f, 8) of all faces of elements, corners in the first four columns, then middles of the sides, −1 where
-    there are fewer; and the element and the number of each face (f, 2)."""
-    found = []
-    owners = []
-    for block in blocks:
-        nodes = block.entries[:, 1:]
-        number = corners(block.kind)
-        sides = {frozenset(side): number + k for k, side in enumerate(SIDES[shape(block.kind)])}
-        for k, face in enumerate(faces(block.kind), 1):
-            around = list(zip(face, face[1:] + face[:1], strict=True)) if len(face) > 2 else [face]
-            middles = [sides[frozenset(side)] for side in around] if nodes.shape[1] > number else []
-            rows = np.full((len(nodes), 8), -1)
-            rows[:, : len(face)] = nodes[:, list(face)]
-            rows[:, 4 : 4 + len(middles)] = nodes[:, middles]
-            found.append(rows)
-            owners.append(np.column_stack([block.entries[:, 0], np.full(len(nodes), k)]))
-    return np.concatenate(found), np.concatenate(owners)
-
-
-def nodes_of_faces(blocks: Sequence[Block], ends: set[End]) -> np.ndarray:
-    """The nodes (f, 8), as of `all_faces`, of the faces `ends` (element, number)."""
-    if not blocks:
-        return np.empty((0, 8), int)
-    rows, owners = all_faces(blocks)
-    return rows[[(element, face) in ends for element, face in owners.tolist()]]
-
-
 def _apart(rows: np.ndarray, own: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """The `rows` (k, n), of which the `own` (k,) ones have other numbers for the `nodes`."""
     some = own[:, None] & np.isin(rows, nodes)
@@ -186,9 +156,7 @@ class Piece:
         self.sets: dict[str, np.ndarray] = {}
         self.materials: dict[str, np.ndarray] = {}
         every, owners = all_faces(blocks)
-        ends = np.sort(every[:, :4], axis=1)
-        _, number, count = np.unique(ends, axis=0, return_inverse=True, return_counts=True)
-        alone = count[number.ravel()] == 1
+        alone = are_free(every)
         if around:
             axis = np.abs(self.points[:, 0]) <= EXACT * np.ptp(self.points, axis=0).max()
             alone &= ~np.isin(every, [*self.nodes[axis], -1]).all(axis=1)

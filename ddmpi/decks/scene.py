@@ -106,9 +106,8 @@ class Importer:
         """Note what sets name that is not there, and what they get too late."""
         for card, words in self.deck.lost():
             self.notes.changed(card, f"{words}; left out")
-        for card, before in self.deck.grown:
-            words = f"line {before.line} has the set as it is there, without these"
-            self.notes.changed(card, f"{words}, as in Abaqus and CalculiX")
+        for card, words in self.deck.told:
+            self.notes.changed(card, words)
 
     def _pieces(self, blocks: Sequence[Block]) -> list[Piece]:
         """The bodies of these elements. Raises DeckError where nodes are not there."""

@@ -104,7 +104,8 @@ SIDES = {
         stack(PAIR, LAW) + PRESS,
     ],
     "there is a surface master on line 197 already": [
-        stack(PAIR, f"{LAW}*SURFACE, NAME={name}\nA, S2\n") + PRESS for name in ("master", "other")
+        stack(PAIR, f"{LAW}*SURFACE, NAME={name}, TYPE=NODE\n2\n") + PRESS
+        for name in ("master", "other")
     ],
     "a bond over a gap": [
         bolt() + step("*BOUNDARY", "900, 1, 1, 0.002"),

@@ -12,6 +12,7 @@ from test_import import (
     COUPLED,
     LAW,
     PAIR,
+    PRESS,
     ROLLERS,
     SECTION,
     bolt,
@@ -293,10 +294,6 @@ TWICE = [
         "the surface TOP has faces that its elements do not have",
     ),
     (
-        BOX + "*SURFACE, NAME=T\n9, S2\n*SURFACE, NAME=t\n10, S2\n",
-        "a surface t on line 131 already",
-    ),
-    (
         BOX + "*SURFACE, NAME=T, TYPE=NODE\nA_Z1\n*SURFACE, NAME=T\n10, S2\n",
         "a surface T on line 131 already",
     ),
@@ -528,6 +525,28 @@ def test_a_surface_has_what_its_sets_have_where_it_stands(tmp_path):
     assert loads["S"]["force"] == pytest.approx([0.0, 0.0, -1.5])
 
 
+def test_surfaces_of_one_name_are_one(tmp_path):
+    """As in CalculiX, and told; so is one without faces, which has those that no other element has."""
+    push = step("*DSLOAD", "T, P, 3.")
+    parts = "*SURFACE, NAME=T\n9, S2\n*SURFACE, NAME=t\n10, S2\n9, S2\n"
+    whole = parts.replace("*SURFACE, NAME=t\n", "")
+    scene, lists = imported(tmp_path, BOX + ROLLERS + parts + push)
+    assert scene == imported(tmp_path, BOX + ROLLERS + whole + push)[0]
+    assert "*SURFACE: adds to that of line 135, as in CalculiX" in lists
+    slave = "*SURFACE, NAME=SLAVE, TYPE=NODE\n"
+    deck = stack(PAIR, LAW).replace(slave, f"{slave}101\n{slave}")
+    assert imported(tmp_path, deck + PRESS)[0] == imported(tmp_path, stack(PAIR, LAW) + PRESS)[0]
+
+
+def test_a_surface_without_faces_has_those_that_are_free(tmp_path):
+    """As in Abaqus, of a set of elements those that no other element has."""
+    push = step("*DSLOAD", "T, P, 3.")
+    for rows in "12,\n11, \n", "12, S2\n12, S4\n12, S5\n11, S2\n11, S5\n11, S6\n":
+        deck = f"{BOX}{ROLLERS}*SURFACE, NAME=T\n{rows}{push}"
+        (load,) = solved(tmp_path, deck).summary["bodies"]["A"]["loads"].values()
+        assert load["force"] == pytest.approx([0.0, -3.0, -1.5])
+
+
 def test_gravity_without_a_set_is_that_of_all(tmp_path):
     """As Abaqus/CAE writes the weight of a whole model."""
     deck = BOX + grid("B", (1, 1, 1), (1.0, 1.0, 1.0), [5.0, 0.0, 0.0], 101) + ROLLERS
@@ -545,6 +564,13 @@ JUMPS = {
         ONE + FIRST + step("*DLOAD, AMPLITUDE=ONE", "10, P2, 1."),
         [0.0, 1.0, 1.001, 2.0],
         [0.0, 0.0, 1.0, 1.0],
+    ),
+    "it may begin later, by another factor": (
+        ONE.replace("\n0.,", ", SHIFTX=0.5, SHIFTY=-0.5\n0.,").replace("1., 1.", "0.5, 2.")
+        + FIRST
+        + step("*DLOAD, AMPLITUDE=ONE", "10, P2, 1."),
+        [0.0, 1.5, 2.0],
+        [0.0, 0.0, 1.0],
     ),
     "or in a step": (
         LATER + FIRST + step("*DLOAD, AMPLITUDE=ONE", "10, P2, 1."),
@@ -599,7 +625,8 @@ def test_loads_that_jump(tmp_path, steps, times, factors):
     deck = BOX + ROLLERS + "*SURFACE, NAME=S\n9, S2\n" + steps
     scene, lists = imported(tmp_path, deck)
     history = scene["history"][scene["body"][0]["traction"][-1]["history"]]
-    assert (history["times"], history["factors"]) == (pytest.approx(times), factors)
+    assert history["times"] == pytest.approx(times)
+    assert history["factors"] == pytest.approx(factors)
     assert ("it jumps, over a thousandth of the step" in lists) == (len(times) > 3)
 
 
