@@ -55,16 +55,16 @@ def all_faces(blocks: Sequence[Block]) -> tuple[np.ndarray, np.ndarray]:
     """The nodes (f, 8) of all faces of elements, corners in the first four columns, then middles of the sides, −1 where
     there are fewer; and the element and the number of each face (f, 2)."""
     found = [np.empty((0, 8), int)]
-    owners = [np.empty((0, 2), int)]
+    owners = [np.array([], int).reshape(-1, 2)]
     for block in blocks:
         nodes = block.entries[:, 1:]
         number = corners(block.kind)
         sides = {frozenset(side): number + k for k, side in enumerate(SIDES[shape(block.kind)])}
-        for k, ends in enumerate(faces(block.kind), 1):
-            around = list(zip(ends, ends[1:] + ends[:1], strict=True)) if len(ends) > 2 else [ends]
+        for k, side in enumerate(faces(block.kind), 1):
+            around = list(zip(side, side[1:] + side[:1], strict=True)) if len(side) > 2 else [side]
             middles = [sides[frozenset(side)] for side in around] if nodes.shape[1] > number else []
             rows = np.full((len(nodes), 8), -1)
-            rows[:, : len(ends)] = nodes[:, list(ends)]
+            rows[:, : len(side)] = nodes[:, list(side)]
             rows[:, 4 : 4 + len(middles)] = nodes[:, middles]
             found.append(rows)
             owners.append(np.column_stack([block.entries[:, 0], np.full(len(nodes), k)]))
@@ -248,7 +248,7 @@ class Deck:
             self._listed.append((card, kind, [one for one in found if isinstance(one, int)]))
         return found
 
-    @property
+    @cached_property
     def outside(self) -> list[Card]:
         """The keywords that stand in no step."""
         words = (card.word for card in self.cards)

@@ -104,23 +104,22 @@ class Model:
         self.orientations = {
             name: self._standing(card) for name, card in self._by_name("ORIENTATION").items()
         }
-        outside = deck.outside
         self.transforms: dict[int, Card] = {}
-        for card in outside:
-            if card.word == "TRANSFORM":
-                self._on_transform_of_nodes(card)
+        self._turn_nodes()
         self.large = False  # whether a step has NLGEOM
         self.left_out = set[int]()  # places of the cards of steps that leave the state as it is
         self.rigid: list[Rigid] = []
         self.equations: dict[tuple[int, int], tuple[Card, list[tuple[int, int, float]]]] = {}
-        self.bolts = [self._standing(card) for card in outside if card.word == "PRE-TENSIONSECTION"]
+        self.bolts = [
+            self._standing(card) for card in deck.outside if card.word == "PRE-TENSIONSECTION"
+        ]
         self.bolt_nodes = {
             node for card in self.bolts for node in self._nodes(card, card.given.get("NODE", ""))
         }
         self.locked: dict[int, float] = {}  # bolts whose offset is kept from this time on
         self._refs = {
             node
-            for card in outside
+            for card in deck.outside
             for key in ("REFNODE", "ROTNODE")
             if key in card.given
             for node in self._nodes(card, card.given[key])
@@ -157,18 +156,20 @@ class Model:
         with card.reading():
             return self.deck.stands(card)
 
-    def _on_transform_of_nodes(self, card: Card) -> None:
+    def _turn_nodes(self) -> None:
         """Note the directions of *TRANSFORM for its nodes. Raises InputError where nodes have others already."""
-        standing = self._standing(card)
-        for node in self._nodes(card, card.given.get("NSET", "")):
-            other = self.transforms.setdefault(node, standing)
-            if (other.rows, other.says("TYPE", "R")[:1]) != (
-                standing.rows,
-                standing.says("TYPE", "R")[:1],
-            ):
-                raise card.error(
-                    f"the node {node % STRIDE} has another *TRANSFORM on line {other.line}"
-                )
+
+        def way(card: Card) -> tuple[Any, str]:
+            return card.rows, card.says("TYPE", "R")[:1]
+
+        for card in self.deck.outside:
+            if card.word == "TRANSFORM":
+                standing = self._standing(card)
+                for node in self._nodes(card, card.given.get("NSET", "")):
+                    other = self.transforms.setdefault(node, standing)
+                    if way(other) != way(standing):
+                        words = f"the node {node % STRIDE} has another *TRANSFORM on line"
+                        raise card.error(f"{words} {other.line}")
 
     @property
     def friction(self) -> bool:
