@@ -902,9 +902,9 @@ MUTANTS = [
         ),
         (
             "an inner face is pressed",
-            "decks/pieces",
-            "alone = count[number.ravel()] == 1",
-            "alone = count[number.ravel()] > 0",
+            "decks/deck",
+            "return count[number.ravel()] == 1",
+            "return count[number.ravel()] > 0",
             f"{DECKS}::test_what_is_lost_refuses_the_deck",
         ),
         (
