@@ -9,7 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from ddmpi.interface.state import ContactState
-from ddmpi.system.numbers import norm
+from ddmpi.system.numbers import ROUNDING, norm
 
 FACTOR = 50.0
 """All residuals of a certified answer are below FACTOR times the tolerance, which bounds the relative step of the outer
@@ -24,6 +24,10 @@ SMALLEST_LIMIT, LARGEST_LIMIT = (
 RESOLVED = 1e-8
 """Contact displacements below this fraction of the bodies' largest displacement are rounding: the usual limit, 5e-7 of
 them, is then twenty times the rounding of one number. Solves left up to eight times that."""
+
+AT_REST = 2e-5
+"""The same where the forces of a contact are rounding of the displacements, as of parts that heat lets grow together: the
+usual limit is then 1e-11 of them."""
 
 NO_FORCE = 1e-6  # contact forces are compared with at least this fraction of the loads, per node
 
@@ -138,8 +142,9 @@ def contact_residuals(
     load : sum of the absolute nodal loads of the bodies (N), with which contact forces are compared
         where there are none, and where they are below NO_FORCE of it per node
     everywhere : largest displacement of all bodies, and largest yielding (m). Displacements are compared with at least
-        RESOLVED times the first, and at least with what half-spaces give way, as where clamps constrain the whole
-        contact. A contact with next to no force is compared with the second
+        RESOLVED times the first, or AT_REST times it where forces are less than ROUNDING of what it would cause, and at
+        least with what half-spaces give way, as where clamps constrain the whole contact. A contact with next to no
+        force is compared with the second
     former : the largest of the same in the load steps before; displacements are compared with at least RESOLVED times
         the first and NO_FORCE times the second, or RELEASED times it by a contact without any force
     """
@@ -153,9 +158,11 @@ def contact_residuals(
     U = np.inf if interface.alone else max(np.abs(trace).max(initial=0.0) for trace in u)
     S = np.abs(s).max(initial=0.0)
     (moved, largest), (moved_before, before) = everywhere, former
+    stiffness, farthest = float(interface.stiffness.max()), max(moved, moved_before)
     U = max(
         min(U, max(state.yielding, overlap)),
-        RESOLVED * max(moved, moved_before, S / interface.stiffness.max()),
+        RESOLVED * max(farthest, S / stiffness),
+        AT_REST * farthest if ROUNDING * stiffness * farthest >= S else 0.0,
         largest if floor >= S else NO_FORCE * largest,
         (NO_FORCE if S else RELEASED) * before,
     )

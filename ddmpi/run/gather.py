@@ -37,6 +37,7 @@ from ddmpi.results.fields import (
 from ddmpi.results.folder import Staging
 from ddmpi.results.histories import write_frames
 from ddmpi.results.summary import (
+    PRECISION,
     plain,
     rigid_partners,
     summarize,
@@ -428,15 +429,17 @@ def fields_of(
     fields = Fields(mesh.points, mesh.triangles, u, error=density)
     if output.stress:
         heat = body.member.elasticity.acting.heated
-        sigma = stress(mesh, body.material, u, heat)
-        fields = replace(
-            fields,
-            stress=sigma,
-            von_mises=von_mises(sigma),
-            nodal_stress=error.estimates[body.spec.name].stress
-            if error
-            else nodal_stress(mesh, body.material, u, heat),
+        sigma, known = (
+            stress(mesh, body.material, u, heat),
+            error and error.estimates[body.spec.name],
         )
+        nodal = known.stress if known else nodal_stress(mesh, body.material, u, heat)
+        if known and not known.energy:  # strains are rounding
+            sigma, nodal = 0.0 * sigma, 0.0 * nodal
+        shear = von_mises(sigma)
+        if shear.max() <= PRECISION * max(np.abs(sigma).max(), np.abs(nodal).max()):
+            shear = 0.0 * shear  # under pure pressure
+        fields = replace(fields, stress=sigma, von_mises=shear, nodal_stress=nodal)
     frame = assembly.frames.get(body.spec.name)
     return fields.placed(frame) if frame else fields
 

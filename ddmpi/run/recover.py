@@ -126,7 +126,8 @@ def forces_by_group(
     (nv, d) and contact forces s (size,); of a body that moves far, where its frame is. Not collective."""
     mesh, member, frame = body.mesh, body.member, (frames or {}).get(body.spec.name)
     pull = member.pull(s)
-    size = member.elasticity.load + float(np.abs(pull).sum())
+    case, size = member.elasticity.acting, member.elasticity.load
+    size += sum(float(np.abs(forces).sum()) for forces in (pull, case.heat, case.taken))
     reactions = resultants(mesh, clamp_forces(mesh, body.spec, member.elasticity, u, pull), size)
     if not frame:
         acting = added(

@@ -214,6 +214,24 @@ def test_linear_elements_are_too_stiff_beside_other_bodies_too(order, pull, lift
     assert len(found) == bool(told) and all(re.search(told, each) for each in found), found
 
 
+def test_parts_that_grow_together_are_certified_without_stress():
+    """Two plates in plane stress that are bonded, heated alike and held where they do not grow: forces are rounding."""
+    bodies = []
+    for name, y, height, across in (("plate", 0.0, 0.02, 4), ("lid", 0.02, 0.01, 3)):
+        mesh = {"shape": "rectangle", "origin": [0.0, y], "size": [0.2, height], "order": 2}
+        mesh["divisions"] = [5 * across, across]
+        material = {"young": 2.1e11, "poisson": 0.3, "expansion": 1.2e-5, "plane": "stress"}
+        body = {"name": name, "mesh": mesh, "material": material, "temperature": 80.0}
+        bodies.append(body | {"clamp": [{"on": "left", "x": 0.0}]})
+    bodies[0]["clamp"].append({"on": "bottom", "y": 0.0})
+    bond = {"bodies": ["lid", "plate"], "on": ["bottom", "top"], "kind": "bonded"}
+    summary = ddmpi.solve({"body": bodies, "contact": [bond]}, MPI.COMM_SELF).summary
+    assert summary["converged"]
+    for body in summary["bodies"].values():
+        assert body["reaction"] == [0.0, 0.0]
+        assert body["von_mises_max"] == body["energy"] == 0.0
+
+
 def test_reactions_of_rounding_are_zero():
     """Of a plate that heat lets grow; of a weight 1e-9 times as large as what its supports bear they are not."""
     plate = block("plate", 0.0, 0.0, (1, 1), [{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}])
