@@ -25,9 +25,9 @@ def product(joint, x: np.ndarray, by=None) -> tuple[np.ndarray, list[int]]:
     return y, [after - first for after, first in zip(now, before, strict=True)]
 
 
-def compared(comm: MPI.Comm, monkeypatch) -> list[int]:
+def compared(comm: MPI.Comm, monkeypatch, blocks: int = 20) -> list[int]:
     """The counts of a product of forces on a half of the blocks; together and one by one they and the product agree."""
-    together, alone = joint_of_tower(comm), joint_of_tower(comm)
+    together, alone = joint_of_tower(comm, blocks), joint_of_tower(comm, blocks)
     x = np.random.default_rng(3).standard_normal(together.size)
     x[: together.size // 2] = 0.0
     y, counts = product(together, x)
@@ -46,7 +46,8 @@ def test_products_together_are_those_of_each(monkeypatch):
 
 @pytest.mark.mpi(ranks=2)
 def test_products_together_on_two_ranks(monkeypatch):
-    compared(MPI.COMM_WORLD, monkeypatch)
+    monkeypatch.setattr(ddmpi.coupling.small, "FEWEST", 2)
+    compared(MPI.COMM_WORLD, monkeypatch, 6)
 
 
 def test_products_by_solves_are_not_together():

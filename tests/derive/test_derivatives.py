@@ -426,6 +426,7 @@ def test_a_march_goes_on_from_a_checkpoint(tmp_path):
         assert other["until"] == pytest.approx(one["until"], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_both_sides_of_a_change_of_status():
     """At a number at which a node begins to slip, `until` ends there, and the derivative is that of its side."""
     scene, key = pinched_blocks(4), "contact.upper-lower.friction.coefficient"

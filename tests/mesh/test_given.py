@@ -143,6 +143,7 @@ def test_meshes_last_as_long_as_their_model():
     assert not GIVEN
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_each_rank_has_its_arrays(comm):
     """The answer on two ranks is that on one."""

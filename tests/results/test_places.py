@@ -76,9 +76,12 @@ def test_places_are_those_of_the_fields():
 
 @pytest.mark.mpi(ranks=2)
 def test_places_are_the_same_on_any_number_of_ranks(comm):
-    """And with the bodies in the other order."""
+    """And with the bodies in the other order. Each rank has the history."""
     scene = scenes.pinched_blocks(4)
-    several = ddmpi.solve(scene, comm).summary
+    answer = ddmpi.solve(scene, comm)
+    several = answer.summary
+    assert len(answer.history) == several["outer_iterations"] > 0
+    assert answer.history["n_A"][-1] > 0
     alone = ddmpi.solve(scene | {"body": scene["body"][::-1]}, MPI.COMM_SELF).summary
     for table, keys in (
         ("bodies", ("displacement_max_at", "von_mises_max_at")),

@@ -262,6 +262,7 @@ def errors_are_those_of_one_rank(world: MPI.Comm) -> None:
     assert sizes > 0.0
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_errors_on_two_ranks(comm):
     """Bodies of their own ranks have the errors of one rank."""

@@ -220,6 +220,7 @@ def test_a_turn_that_nothing_resists_is_put_back(clear, mu, caplog):
     assert any(told_slight(caplog)) == (mu > 0.0)
 
 
+@pytest.mark.slow
 def test_little_friction_does_not_spin_a_disc_that_is_carried_along(caplog):
     """Nor does one with more than that, which did not settle in steps of a 64th."""
     caplog.set_level(logging.INFO)
@@ -267,6 +268,7 @@ def rolls(rows: int = 4, angle: float = 45.0) -> dict:
     }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rows", "angle"), [(2, 22.5), seldom(4, 45.0)])
 def test_steps_that_are_not_given_are_small_enough_to_roll(rows, angle):
     """A wheel that is turned rolls on by as much of its circumference, though the forces at the end are those of one
@@ -279,6 +281,7 @@ def test_steps_that_are_not_given_are_small_enough_to_roll(rows, angle):
     assert answer.summary["energy"]["residual"] < 1e-8
 
 
+@pytest.mark.slow
 def test_a_wheel_that_slips_needs_no_steps_to_roll():
     """A wheel that spins where its axle stands rubs by its whole turn: steps resolve its friction, not that it rolls, for
     which it took 32 a leg."""
@@ -419,6 +422,7 @@ def test_a_part_turns_until_its_mass_centre_hangs_below_its_axis(angle):
     assert answer.summary["held_motions"] == answer.summary["undetermined"] == []
 
 
+@pytest.mark.slow
 def test_several_parts_turn_as_one_by_itself():
     """In the passes of the slowest: drawn level one turns once the other hangs, and passes of this counted as its own, so
     that no equilibrium was told."""
@@ -701,6 +705,7 @@ def test_a_body_falls_until_it_touches():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("x, y", [(0.3, 0.1), seldom(-0.3, 0.1)])
 def test_a_disc_that_falls_onto_the_side_of_a_bore_rolls_down(x, y):
     """By 17 degrees of its own turn: passes in which its turn was held did not count as those in which it rolls."""

@@ -38,13 +38,6 @@ def test_the_history_is_that_of_the_file(tmp_path):
         assert np.array_equal(history[name], column), name
 
 
-@pytest.mark.mpi(ranks=2)
-def test_the_history_is_on_all_ranks(comm):
-    answer = ddmpi.solve(pinched_blocks(4), comm)
-    assert len(answer.history) == answer.summary["outer_iterations"] > 0
-    assert answer.history["n_A"][-1] > 0
-
-
 @pytest.mark.parametrize(
     ("scene", "kind"),
     [(pinched_blocks(2), "triangle"), (two_boxes(2, order=2), "tetra10")],

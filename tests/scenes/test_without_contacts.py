@@ -50,6 +50,7 @@ def stretched(answer, name: str, way: str, factor: float = 1.0) -> None:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("bodies", [seldom(1), 3])
 def test_bodies_alone_on_ranks(comm, bodies):

@@ -167,6 +167,7 @@ def test_a_full_disk_leaves_the_limit_in_the_log(tmp_path, monkeypatch, caplog):
     assert "equilibrium ends at the factor 6 " in caplog.text
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_the_limit_is_the_same_on_two_ranks(comm, tmp_path):
     folder = comm.bcast(str(tmp_path))
