@@ -22,6 +22,16 @@ DETERMINED = 1e-4
 """A fit leaves out what its neighbours determine less, as an eigenvalue of its normal equations over the largest: at
 corners of grids this is 4e-3 and more, at those of strips 5e-7 and less."""
 
+SMOOTH = 5e-3
+"""Greatest slope that corners on a smooth surface leave open, the root mean square of what they are off it over their
+spread across a strip."""
+
+LEANS = 0.5
+"""Least cosine of the angle by which facets lean out of a smooth surface: beyond, they face no partner on it."""
+
+BENT = 1e-8
+"""Weight of the squares of curvatures, times lengths, beside those of what corners are off a quadric."""
+
 SLENDER = 8.0
 """Neighbours that spread further by this factor along one axis than along the other count as if they did not."""
 
@@ -35,7 +45,8 @@ class Patch(Side):
     def fans(self) -> np.ndarray:
         """Normals of a quadratic surface through a corner, fitted to its two rings of neighbours by least squares, also
         at the rim. With too few neighbours, and on both sides of an edge sharper than SHARPEST, the mean of the
-        triangles' normals with weights that are exact on spheres (Max, J. Graphics Tools 4, 1999).
+        triangles' normals with weights that are exact on spheres (Max, J. Graphics Tools 4, 1999), unless corners are on a
+        smooth surface out of which slender triangles lean.
         """
         xy, facets = self.xy, self.simplices
         corners = xy[facets]
@@ -59,7 +70,12 @@ class Patch(Side):
             return mean.reshape(-1, 3, 3)
         at_node = np.zeros_like(xy)
         at_node[node] = mean
-        fitted = _fitted(xy, facets, at_node, whole)[node]
+        fitted = _fitted(xy, facets, at_node, whole)
+        others = ~fitted.any(axis=1)
+        if others.any():
+            outer = unit(nodal(outward[facet], node, len(xy)))
+            fitted += _through_corners(xy, facets, outer, others)
+        fitted = fitted[node]
         return np.where(fitted.any(axis=1, keepdims=True), fitted, mean).reshape(-1, 3, 3)
 
     def bulge(self, facets: np.ndarray, at: np.ndarray, direction: np.ndarray) -> np.ndarray:
@@ -113,38 +129,106 @@ def in_places(
 def _fitted(
     xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, whole: np.ndarray
 ) -> np.ndarray:
-    """Normals (k, 3) of surfaces fitted at the corners marked by `whole` (k,); zero with too few neighbours."""
+    """Normals (k, 3) of surfaces fitted at the corners marked by `whole` (k,); zero with too few neighbours, and where the
+    fit leans more than the facets around do, as it may across a strip of very short ones."""
+    nodes, row, other, away = _around(xy, facets, whole, whole, 3)
+    normals = np.zeros_like(xy)
+    if not len(nodes):
+        return normals
+    fitted = _surfaces(away, row, normal[nodes])[0]
+    among = np.einsum("pd,pd->p", normal[other], normal[nodes[row]])
+    least = np.minimum.reduceat(among, np.searchsorted(row, np.arange(len(nodes))))
+    leans = np.einsum("nd,nd->n", fitted, normal[nodes]) < least - ALIKE
+    normals[nodes] = np.where(leans[:, None], 0.0, fitted)
+    return normals
+
+
+def _around(
+    xy: np.ndarray, facets: np.ndarray, some: np.ndarray, whole: np.ndarray, rings: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The corners (n,) among `some` (k,) with neighbours enough; and these: of which corner (p,), their numbers (p,), and the
+    way there (p, 3). They are in two rings, of few in up to so many `rings`, which go on at `whole` (k,) corners alone."""
+    fewest = FEWEST + 2 * (rings - 3)
     near = neighbours(facets, len(xy))
     ring = near @ sparse.diags(1.0 * whole)
     near = near + ring @ near
-    near = near + sparse.diags(1.0 * (near.getnnz(axis=1) <= FEWEST)) @ (
-        ring @ near
-    )  # of few, a third ring
+    for _ in range(2, rings):
+        few = near.getnnz(axis=1) <= fewest
+        near = near + sparse.diags(1.0 * few) @ (ring @ near)
     near = (near - sparse.diags(near.diagonal())).tocsr()
     near.eliminate_zeros()
-    normals, nodes = np.zeros_like(xy), np.flatnonzero(whole & (near.getnnz(axis=1) >= FEWEST))
-    if not len(nodes):
-        return normals
+    nodes = np.flatnonzero(some & (near.getnnz(axis=1) >= fewest))
     row, place = spans(near.indptr[nodes], near.indptr[nodes + 1])
-    away, fitted = xy[near.indices[place]] - xy[nodes[row]], normal[nodes]
+    other = near.indices[place]
+    return nodes, row, other, xy[other] - xy[nodes[row]]
+
+
+def _surfaces(
+    away: np.ndarray, row: np.ndarray, normal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Surfaces through corners, fitted to the neighbours `away` (p, 3) of the corners `row` (p,) in frames that begin with a
+    `normal` (n, 3): their normals (n, 3), the slopes (n,) that neighbours leave open, and the turns (p,) to neighbours."""
+    fitted = normal
     for _ in range(FITS):
         axes, spread = _principal(away, row, fitted)
         a, b, c = np.einsum("pd,pid->ip", away, axes[row])
         c = c / (1.0 + c * c / (a * a + b * b))  # a section that is an arc has c = κ (ρ² + c²) / 2
         a, b = a / spread[row, 0], b / spread[row, 1]
         terms = np.stack([a, b, a * a, a * b, b * b], axis=1)
-        squares = nodal(terms[:, :, None] * terms[:, None], row, len(nodes))
-        right = nodal(terms * c[:, None], row, len(nodes))
-        slopes = _least_bent(squares, right, spread)[:, :2] / spread
+        squares = nodal(terms[:, :, None] * terms[:, None], row, len(normal))
+        right = nodal(terms * c[:, None], row, len(normal))
+        fit = _least_bent(squares, right, spread)
+        slopes = fit[:, :2] / spread
         fitted = unit(
-            np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(nodes))]), axes)
+            np.einsum("ni,nid->nd", np.column_stack([-slopes, np.ones(len(normal))]), axes)
         )
-    # across a strip of very short facets fits may lean at will: no surface leans more than the facets around do
-    among = np.einsum("pd,pd->p", normal[near.indices[place]], normal[nodes[row]])
-    least = np.minimum.reduceat(among, np.searchsorted(row, np.arange(len(nodes))))
-    leans = np.einsum("nd,nd->n", fitted, normal[nodes]) < least - ALIKE
-    normals[nodes] = np.where(leans[:, None], normal[nodes], fitted)
+    off = c - np.einsum("pi,pi->p", terms, fit[row])
+    left = np.sqrt(np.bincount(row, off * off) / np.bincount(row)) / spread.min(axis=1)
+    bent = fit[row, 2:]
+    turns = np.hypot(
+        (2.0 * bent[:, 0] * a + bent[:, 1] * b) / spread[row, 0],
+        (bent[:, 1] * a + 2.0 * bent[:, 2] * b) / spread[row, 1],
+    )
+    return fitted, left, turns
+
+
+def _through_corners(
+    xy: np.ndarray, facets: np.ndarray, normal: np.ndarray, some: np.ndarray
+) -> np.ndarray:
+    """Normals (k, 3) at `some` (k,) corners of smooth surfaces through them and their neighbours, whichever way facets lean
+    out of these: slender ones lean at will, and their `normal` (k, 3), a mean, only tells the outer side. Zero where
+    corners are on no such surface: off it by more than SMOOTH, or it turns to a corner beside as at a true edge,
+    or the mean leans out of it by more than LEANS."""
+    nodes, row, other, away = _around(xy, facets, some, np.ones(len(xy), bool), 4)
+    normals = np.zeros_like(xy)
+    if not len(nodes):
+        return normals
+    fitted, left, turns = _surfaces(away, row, _of_quadrics(away, row, normal[nodes]))
+    beside = np.asarray(neighbours(facets, len(xy))[nodes[row], other]).ravel() > 0.0
+    turn = np.maximum.reduceat(turns * beside, np.searchsorted(row, np.arange(len(nodes))))
+    smooth = (left < SMOOTH) & (turn < np.tan(0.75 * SHARPEST))
+    smooth &= dot(fitted, normal[nodes]) > LEANS
+    normals[nodes[smooth]] = fitted[smooth]
     return normals
+
+
+def _of_quadrics(away: np.ndarray, row: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Unit normals n (k, 3), on the side of `normal` (k, 3), of the least bent quadrics n·x = xᵀ S x / 2 through corners and
+    their neighbours `away` (p, 3), of node `row` (p,): n is the least eigenvector of what the best S leaves of x xᵀ."""
+    size = np.sqrt(np.bincount(row, (away**2).sum(axis=1)) / np.bincount(row))
+    x, y, z = (away / size[row, None]).T
+    root = np.sqrt(2.0)
+    squares = np.stack([x * x, y * y, z * z, root * x * y, root * y * z, root * z * x], axis=1)
+    along = np.stack([x, y, z], axis=1)
+
+    def sums(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+        return nodal(one[:, :, None] * other[:, None], row, len(normal))
+
+    mixed = sums(squares, along)
+    bend = sums(squares, squares) + BENT * np.eye(6)
+    left = sums(along, along) - mixed.swapaxes(1, 2) @ np.linalg.solve(bend, mixed)
+    found = np.linalg.eigh(left)[1][:, :, 0]
+    return np.where(np.einsum("nd,nd->n", found, normal)[:, None] < 0.0, -found, found)
 
 
 def _principal(

@@ -186,6 +186,65 @@ def test_normals_of_a_strip_lean_no_more_than_its_facets(sides, aspect, shear):
     assert np.linalg.norm(wall.fans.reshape(-1, 3) - radial, axis=1).max() < 0.501 * arc
 
 
+def sheared(sides: int, aspect: float, shear: float, rows: int, zigzag: bool = False) -> Side:
+    """A quarter of a cylinder of radius 1, of `rows` of facets `aspect` arcs wide, each by `shear` arcs further than the one
+    below, or back again."""
+    mesh, arc = solids.grid((1, sides, rows)), np.pi / 2.0 / sides
+    radius, angle, z = mesh.points.T * [[0.3], [np.pi / 2.0], [rows]]
+    angle = angle + shear * arc * (z % 2.0 if zigzag else z)
+    points = [(0.7 + radius) * np.cos(angle), (0.7 + radius) * np.sin(angle), aspect * arc * z]
+    return side(Mesh(np.stack(points, axis=1), mesh.triangles, mesh.groups), "right", body="wall")
+
+
+LEANING = [
+    # sides, aspect, shear, rows, zigzag; the angle in degrees by which facets lean out of the face
+    (12, 0.03, -0.5, 1, False, 28.6),
+    (24, 0.01, 0.2, 1, False, 38.2),
+    (12, 0.1, 1.0, 8, False, 52.6),
+    (40, 0.1, 0.5, 8, True, 8.4),  # at a tip alone normals were off
+    (24, 0.03, 0.5, 3, True, 39.3),
+]
+
+
+@pytest.mark.parametrize(("sides", "aspect", "shear", "rows", "zigzag", "lean"), LEANING)
+def test_normals_of_a_face_do_not_lean_with_its_facets(sides, aspect, shear, rows, zigzag, lean):
+    """Corners of a Schwarz lantern are on its cylinder, whichever way the facets lean. Normals leant as these do."""
+    wall = sheared(sides, aspect, shear, rows, zigzag)
+    assert np.degrees(np.arcsin(np.abs(wall.flat[:, 2]).max())) == pytest.approx(lean, abs=0.2)
+    radial = unit((wall.xy[wall.simplices] * [1.0, 1.0, 0.0]).reshape(-1, 3))
+    assert np.linalg.norm(wall.fans.reshape(-1, 3) - radial, axis=1).max() < 0.006
+
+
+def test_gaps_of_a_face_are_those_of_its_arcs_where_facets_lean():
+    """A bush of another mesh, 0.001 wider than a wall whose facets lean by 28 degrees; gaps were off by up to 0.0021."""
+    wall = sheared(12, 0.03, 0.2, 8)
+    mesh = solids.grid((1, 17, 2))
+    radius, angle, z = mesh.points.T
+    radius, angle = 1.001 + 0.3 * radius, np.pi / 2.0 * (1.4 * angle - 0.2)
+    points = [radius * np.cos(angle), radius * np.sin(angle), wall.xy[:, 2].max() * z]
+    bush = side(Mesh(np.stack(points, axis=1), mesh.triangles, mesh.groups), "left", body="bush")
+    for slave, most in (("bush", 2e-5), ("wall", 1.4e-4)):  # 1 / cos 28°
+        assert mortar(bush, wall, NoFriction(), "seam", slave=slave).gap == pytest.approx(
+            1e-3, abs=most
+        )
+
+
+@pytest.mark.parametrize("turn", [45.0, 60.0, 90.0])
+@pytest.mark.parametrize(("per", "rows", "width"), [(1, 1, 0.02), (1, 2, 1.0), (2, 3, 0.2)])
+def test_edges_of_a_prism_stay_sharp(turn, per, rows, width):
+    """Edges of a polygon are on a circle as well, but it turns as much as the facets do; here they are bent along."""
+    mesh, turns = solids.grid((1, 3 * per, rows)), np.radians(turn) * np.arange(3)
+    path = np.append([0.0], np.cumsum(np.exp(1j * turns) * 1j))
+    radius, along, z = mesh.points.T * [[0.3], [3.0], [width]]
+    wall = np.interp(along, range(4), path.real) + 1j * np.interp(along, range(4), path.imag)
+    middle = wall.mean()
+    points = middle + (0.7 + radius) * (wall - middle)
+    points = np.stack([points.real, points.imag + 0.05 * z * z, z], axis=1)
+    prism = side(Mesh(points, mesh.triangles, mesh.groups), "right")
+    own = np.einsum("fd,fcd->fc", prism.flat, prism.fans)
+    assert own.min() > np.cos(np.radians(0.1 * turn + 10.0 * width))
+
+
 @pytest.mark.every(5)
 @pytest.mark.parametrize("rows", [1, 2, 8])
 @pytest.mark.parametrize("aspect", [0.05, 1.0, 5.0, 30.0])

@@ -1933,6 +1933,20 @@ MUTANTS = [
             "interface/test_curved_sides.py::test_normals_of_a_strip_lean_no_more_than_its_facets",
         ),
         (
+            "slender facets that lean out of a face are edges",
+            "surface/patch",
+            "fitted += _through_corners(xy, facets, outer, others)",
+            "pass",
+            "interface/test_curved_sides.py::test_normals_of_a_face_do_not_lean_with_its_facets",
+        ),
+        (
+            "any corners are on a smooth surface",
+            "surface/patch",
+            "smooth = (left < SMOOTH) & (turn < np.tan(0.75 * SHARPEST))",
+            "smooth = left < 1.0",
+            "interface/test_curved_sides.py::test_edges_of_a_prism_stay_sharp",
+        ),
+        (
             "fits of a strip take what rounding tells of the curvature along it",
             "surface/patch",
             "DETERMINED = 0.0001",
@@ -1991,8 +2005,8 @@ MUTANTS = [
         (
             "a surface is fitted to places at one height",
             "surface/patch",
-            "nodal(terms * c[:, None], row, len(nodes))",
-            "nodal(terms, row, len(nodes))",
+            "nodal(terms * c[:, None], row, len(normal))",
+            "nodal(terms, row, len(normal))",
             "interface/test_curved_sides.py::test_normals_at_an_edge_of_a_solid_are_those_of_its_faces",
         ),
         (
