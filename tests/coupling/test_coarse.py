@@ -1,6 +1,7 @@
 """The coarse problem of many bodies: its factors stay sparse, however unlike its motions are."""
 
 import numpy as np
+import pytest
 import scenes
 import scipy.sparse as sparse
 from mpi4py import MPI
@@ -22,6 +23,7 @@ def blocks(columns: int, rows: int) -> dict:
     return {"body": body, "contact": contact}
 
 
+@pytest.mark.slow
 def test_factors_of_many_blocks_are_sparse(monkeypatch):
     """Four times the entries of S. Smooth modes have other units than rigid motions, and pivots are compared: off the
     diagonal they would fill the factors, with eight times the entries here and 75 times with 1,000 bricks."""

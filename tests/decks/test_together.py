@@ -251,6 +251,7 @@ def test_loads_of_a_distributing_coupling_may_change_in_different_ways(tmp_path)
     assert held["moment"] == pytest.approx(-moment, rel=1e-6, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_loads_of_a_rigid_body_may_change_in_different_ways(tmp_path):
     """They move it as they do at once, also where a displacement comes first; displacements may not."""
     first, more = ("900, 3, 100.",), ("900, 2, 40.", "900, 4, 7.")

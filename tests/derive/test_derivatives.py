@@ -263,6 +263,7 @@ SLOW = (
     "a pretension that is kept",
     "supported blocks",
     "a slip bound",
+    "clamps along directions",
 )
 CASES["a gap with a history"][0]["contact"][0]["gap"] = {"value": -1e-3, "history": "press"}
 CASES["a pretension that is kept"][0]["time"]["points"] = [1.0, 2.0]

@@ -56,6 +56,7 @@ def test_the_force_of_two_boxes():
     assert np.linalg.norm(found - fine) < 1e-3 * np.linalg.norm(fine)
 
 
+@pytest.mark.slow
 def test_the_top_of_a_loose_stack():
     """Three cells a cube give the displacement of twelve to 1.5 %; the push lifts a part of each cube off the next."""
     cubes = [

@@ -156,6 +156,7 @@ def test_a_number_that_is_zero_by_statics_needs_a_unit():
     assert ddmpi.solve(aiming({aside: {"within": 1e4}}, scene)).certified
 
 
+@pytest.mark.slow
 def test_a_peak_is_resolved_where_it_is_smooth():
     """A coarse mesh has words for it, a finer one a bar: Hertz's pressure of a cylinder between rigid planes."""
     scene, peak = drawn_roller(), "contacts.cylinder-block.pressure_max"

@@ -25,6 +25,7 @@ def plate(path: Path, holes: tuple[float, ...] = (3.0,), scale: float = 1.0) -> 
     return cad(path, draw)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scale", [seldom(1.0), 1e-3, seldom(1e3)])
 def test_faces_are_found_by_what_they_are(tmp_path, scale):
     """Each face has words that mean it alone, in any unit; a point on a cylinder's axis will do, and so will one that is

@@ -95,6 +95,7 @@ def test_a_direct_direction_solves_its_equations(scene):
     check(newton, asked, change, 1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cells", [seldom((2, 2, 30)), (1, 1, 29)])
 def test_needles_side_by_side_take_few_steps(cells):
     """Quadratic needles of 1 : 100: ten steps at most, once GMRES has shown by 300 iterations how slender they are."""

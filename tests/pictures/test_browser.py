@@ -85,6 +85,7 @@ def test_contacts_in_the_plane_are_ribbons(tmp_path):
     assert np.abs(across).sum() / 2 == pytest.approx(2 * 3.0 * 0.012 * 3.0, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_contacts_of_bodies_that_move_far_are_painted_where_they_are(tmp_path):
     """Each load step has the pressure of its own contact, on both sides, where the bodies are then."""
     made = {

@@ -78,6 +78,7 @@ def test_there_is_a_picture_of_everything(marched, tmp_path):
         assert path.read_bytes() == (marched / path.name).read_bytes(), path.name
 
 
+@pytest.mark.slow
 def test_blocks_of_pixels_leave_no_trace(monkeypatch, still):
     """The picture is the same in one block and in many."""
     one, many = (
@@ -512,6 +513,7 @@ def test_a_video_that_fails_is_told(tmp_path, marched, monkeypatch):
         animate(read_results(marched), tmp_path / "copy", "")
 
 
+@pytest.mark.slow
 def test_animations_of_solids_have_no_bands(tmp_path, monkeypatch, still):
     """Shaded colours go over into each other on white, as the colours of all frames are chosen for these."""
     monkeypatch.setitem(ANIMATION, "frames", 2)

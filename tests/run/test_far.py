@@ -145,6 +145,7 @@ def forces(answer) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [1, seldom(2)])
 def test_a_block_slides_with_the_friction_of_its_pressure(order):
     """T = μ N at every step, to rounding; and the end does not depend on the number of steps."""
@@ -184,7 +185,8 @@ def test_energies_balance_whatever_rows_enter_and_leave(mu):
 
 
 @pytest.mark.parametrize(
-    ("steps", "words"), [({"steps": 4}, "steps = 4, or leave"), ({"steps": 8}, ""), seldom({}, "")]
+    ("steps", "words"),
+    [({"steps": 4}, "steps = 4, or leave"), seldom({"steps": 8}, ""), seldom({}, "")],
 )
 def test_given_steps_that_are_too_long_are_told(steps, words):
     """Friction cannot dissipate more than contacts take, but in long steps it does: 17 % in 4, 8 % in 8."""
@@ -248,6 +250,7 @@ def test_a_motion_of_both_bodies_changes_nothing(order, turn):
     assert reaction == pytest.approx(after, rel=1e-8)
 
 
+@pytest.mark.slow
 def test_a_pin_enters_a_hub_and_leaves_it():
     """Around an axis: no contact above the hub, T = μ N on the way in and out, and nothing but a warning at the end."""
     answer = certified(pin(back=0.0))
@@ -476,6 +479,7 @@ def test_what_does_not_go_together_is_refused(made, words):
     assert_refused(made, words)
 
 
+@pytest.mark.slow
 def test_motions_of_nothing_are_motions():
     """A shift or a turn of zero, as at the first value of a sweep, leaves bodies where they are."""
     still = [
@@ -570,6 +574,7 @@ def test_pictures_are_of_where_bodies_are(tmp_path):
     assert (tmp_path / "results" / "animation.gif").stat().st_size > 1000
 
 
+@pytest.mark.slow
 def test_steps_of_a_contact_that_grows_by_rounding_are_equal():
     """A block slides on a plane, so that the length of its contact is the same but for rounding. (1,026 steps, of which
     one took half of the way, became 34.)"""

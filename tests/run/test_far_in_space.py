@@ -444,7 +444,7 @@ def in_a_groove(moves: list[float], friction: dict) -> dict:
     }
 
 
-@pytest.mark.parametrize("friction", [COULOMB, {"law": "none"}])
+@pytest.mark.parametrize("friction", [COULOMB, seldom({"law": "none"})])
 def test_a_block_goes_along_with_the_planes_that_it_lies_on(friction):
     """It lies on them as before, whatever their way: it was looked for where it was, fell, and came to lie elsewhere. Along
     the groove friction alone takes it along."""

@@ -98,6 +98,7 @@ def test_what_is_printed_has_units_and_says_how_bodies_are_held(tmp_path):
     assert re.search(r"energy norm; with mesh.order = 2 .* about \d+ unknowns", run.stdout)
 
 
+@pytest.mark.slow
 def test_steps_whose_forces_agree_though_slip_is_coarse_are_said_to_dissipate_too_much(tmp_path):
     """A cube that is dragged over a floor: in one step the force is exact, and the work half of the friction's."""
     scene = {

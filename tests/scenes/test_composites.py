@@ -23,6 +23,7 @@ def write_layers(path) -> str:
     return write_msh(path, mesh, {"upper": upper, "lower": ~upper})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [seldom(1), 2])
 def test_a_body_of_two_materials_is_two_bonded_bodies(tmp_path, order):
     """A block of two layers slides on a base just as two bonded blocks do: the same forces and displacements."""

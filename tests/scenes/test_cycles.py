@@ -77,6 +77,7 @@ def rows(answer: Answer) -> np.ndarray:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time", [{"steps": 2}, seldom({"tolerance": 0.05})])
 def test_cycles_are_what_a_long_history_gives(time):
     """Steps, forces, energies, slip and what comes after them; later points shift by the time of the cycles."""

@@ -87,7 +87,7 @@ RANDOM = {
         for seed in (3, 10)
     },
 }
-QUICK = ("coulomb", "mortar", "plane 88")
+QUICK = ("coulomb", "plane 88")
 
 
 @functools.cache

@@ -124,7 +124,7 @@ def test_a_load_aslant_leaves_no_moment(order):
 @pytest.mark.parametrize(
     ("clearance", "load", "moment"),
     [(0.05, [0.0, 4.0], 0.0), seldom(0.05, [0.0, 4.0], 20.0), seldom(1.0, [-2.7, 2.7], 0.0),
-     (1.0, [-2.7, 2.7], 20.0)],
+     seldom(1.0, [-2.7, 2.7], 20.0)],
 )  # fmt: skip
 def test_a_gap_that_is_crossed_bears_no_moment(clearance, load, moment):
     """A shaft pulled across its clearance rests without a moment, and with one below force times clearance it turns."""
@@ -305,6 +305,7 @@ def test_square_pin_in_square_hole_is_not_held():
     assert answer.summary["held_motions"] == []
 
 
+@pytest.mark.slow
 def test_two_free_turns_in_load_steps():
     """Shaft and loose bush both stay; so they do as the load falls, and what is left along them is told of the end."""
     scene = shaft((40, 46), {"value": [0.0, -3.79], "history": "pull"})
@@ -333,6 +334,7 @@ def test_two_free_turns_in_load_steps():
     assert abs(answer.summary["energy"]["residual"]) < 1e-8
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_held_motions_on_two_ranks(comm):
     """The same answer, and the same words, as on one rank."""
@@ -460,6 +462,7 @@ def test_a_shaft_that_its_bush_carries_far_does_not_turn():
     assert answer.summary["contacts"]["shaft-bush"]["force"][1] == pytest.approx(1000.0, rel=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("around", "order"),
     [
@@ -486,7 +489,7 @@ def test_a_shaft_in_a_split_bush_is_that_in_a_whole_one(around, order):
     ("around", "method"),
     [
         (24, {"tolerance": 1e-12}),
-        (24, {"compliance": "iterative"}),
+        seldom(24, {"compliance": "iterative"}),
         *(seldom(around, {"tolerance": 1e-10}) for around in (40, 60)),
         *(seldom(around, {"compliance": "iterative"}) for around in (40, 60)),
     ],

@@ -33,7 +33,7 @@ PLANE = {
     "reported": (88, 161, 194, 115, 70),
 }
 RANKS = {29: 4, 229: 3}
-QUICK = {46, 88, 161}
+QUICK = {88, 161}
 RUNS = [
     pytest.param(kind, seed, verdict, marks=[] if seed in QUICK else pytest.mark.slow)
     for kind, chosen in ((assembly_scenes, PLANE), (solid_assemblies, SOLIDS))

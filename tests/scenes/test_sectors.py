@@ -139,7 +139,7 @@ def strained(answer: Any, name: str) -> np.ndarray:
     return u - (u * around).sum() / (around**2).sum() * around
 
 
-@pytest.mark.parametrize("wheel", by_name(WHEELS, "quadratic with friction", "of two parts"))
+@pytest.mark.parametrize("wheel", by_name(WHEELS, "quadratic with friction"))
 def test_a_sector_is_a_part_of_its_wheel(wheel):
     """Displacements, forces, slip and statuses are those of each quarter, and those of all sectors the sums."""
     sector, whole = wheel
@@ -177,6 +177,7 @@ def test_a_sector_is_a_part_of_its_wheel(wheel):
         assert sums["bodies"][body["name"]]["energy"] == pytest.approx(sum(energies), rel=1e-7)
 
 
+@pytest.mark.slow
 def test_forces_that_slide_around_a_wheel_are_those_of_its_sectors():
     """With little friction some flanks slip, and slip by as much as in the whole."""
     sector, whole = rings(1, friction={"law": "coulomb", "coefficient": 0.25})
@@ -228,7 +229,9 @@ def cell(cells: int, start: float = 0.0, **flank: Any) -> dict:
     return {"body": [body], "rigid": [floor], "contact": contacts, "method": {"tolerance": 1e-10}}
 
 
-@pytest.mark.parametrize("flank", [BOND, {"friction": FRICTION}], ids=["bonded", "with friction"])
+@pytest.mark.parametrize(
+    "flank", by_name({"bonded": BOND, "with friction": {"friction": FRICTION}}, "with friction")
+)
 def test_a_periodic_cell_is_one_of_many(flank):
     """One cell has the displacements of each of two, and of one that begins elsewhere."""
     if "friction" in flank:  # warm, so that flanks are pressed

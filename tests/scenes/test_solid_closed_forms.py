@@ -91,7 +91,7 @@ def test_a_plate_that_is_dragged_around_a_circle_follows_the_radial_return():
     ("missing", "way"),
     [
         (1e-3, (-0.8, 0.6)),
-        (1e-7, (0.8, 0.6)),
+        seldom(1e-7, (0.8, 0.6)),
         seldom(1e-7, (0.0, -1.0)),
         seldom(1e-3, (0.8, 0.6)),
         seldom(1e-3, (0.0, -1.0)),

@@ -101,7 +101,7 @@ KNOWN = {
 
 @pytest.mark.parametrize(
     "case",
-    by_name(KNOWN, "is lifted", "slides aslant", "tips, load by 1e-6"),
+    by_name(KNOWN, "slides aslant"),
 )
 def test_a_limit_is_that_of_statics(tmp_path, case):
     """Within 1e-3, between an answer and none, in 12 solves, with the mechanism; beside it is the run just past it."""
@@ -147,6 +147,7 @@ def test_a_limit_of_zero_is_none_by_rounding(tmp_path):
     assert found["factor"] == found["interval"][0] == 0.0 < found["interval"][1] < 1e-4
 
 
+@pytest.mark.slow
 def test_where_nothing_ends_equilibrium_there_is_no_limit(tmp_path):
     """A loose block that is pressed on the floor bears any multiple."""
     path = str(write_scene(on_floor([0.0, -1e4], 0.3), tmp_path / "scene.toml"))
