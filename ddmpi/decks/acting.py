@@ -14,6 +14,8 @@ from ddmpi.decks.pieces import Cut, Piece, Side, formula, linear
 KEEPS = 1e-9
 """Factors of one history are equal to this difference."""
 
+NO_WAY = "a direction of *TRANSFORM at a node on its axis, where it has none"
+
 History = str | None
 """The name of a history, if there is one."""
 
@@ -168,7 +170,7 @@ class Acts:
         """What is lost of a support that has no direction in the plane; empty if nothing is."""
         way = self.way(node, component)
         if not way.any():
-            return "a direction of *TRANSFORM at a node on its axis, where it has none"
+            return NO_WAY
         if np.abs(way[: len(self.axes)]).max() > EXACT:
             return "a support aslant to the plane"
         return "a displacement out of the plane" if value else ""
@@ -286,6 +288,7 @@ class Acts:
         """Nodal forces as tractions with the same resultant and the same first moments."""
         by_history: dict[History, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
+        free = set[int]()  # nodes with forces that no support takes
         for (node, component), acting in self.kinds["forces"].items():
             if self.home.get(node) is not piece or node in self.rigid_nodes:
                 continue
@@ -293,16 +296,17 @@ class Acts:
             if value:
                 k = piece.place[node]
                 way = self._flat(acting.card, self.way(node, component))
+                if not self.way(node, component).any():
+                    self.notes.lost(acting.card, NO_WAY)
+                if (node, component) not in self.kinds["supports"]:
+                    free.add(k)
                 by_history[history][k] = (
                     by_history[history].get(k, 0.0) + value * way / self.matter.depth
                 )
                 cards[k] = acting.card
         found = []
         for history, forces in by_history.items():
-            patches, lost = piece.patches(np.array(sorted(forces)))
-            for k in lost.tolist():
-                self.notes.lost(cards[k], "a force at a node that is not on the boundary")
-            for facets, nodes in patches:
+            for facets, nodes in self._patches(piece, {*forces}, free, cards):
                 some = np.array([forces[k] for k in nodes])
                 self.notes.changed(
                     cards[int(nodes[0])],
@@ -314,6 +318,21 @@ class Acts:
                     {"on": piece.again(on) if k else on} | load | later(history)
                     for k, load in enumerate(self._spread(piece, facets, piece.points[nodes], some))
                 ]
+        return found
+
+    def _patches(
+        self, piece: Piece, loaded: set[int], free: set[int], cards: dict[int, Card]
+    ) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Facets that carry the forces of nodes, and these, as of `patches`; forces that are not of `free` nodes, as
+        supports take them, are on whole facets beside others alone."""
+        held = loaded - free
+        patches, lost = piece.patches(np.array(sorted(loaded)), sorted(held))
+        found = [one for one in patches if not held.issuperset(one[1].tolist())]
+        for k in held.difference(*(nodes.tolist() for _, nodes in found)):
+            words = "forces at nodes along displacements that are given change nothing"
+            self.notes.changed(cards[k], words)
+        for k in lost.tolist():
+            self.notes.lost(cards[k], "a force at a node that is not on the boundary")
         return found
 
     def _spread(
@@ -351,7 +370,9 @@ class Acts:
         for (what, scope, label, field), acting in self.kinds["body_forces"].items():
             value, history = self.factor(acting)
             card = acting.card
-            some = self.model.deck.chosen(card._replace(scope=scope), "ELSET", what) & own
+            some = own.intersection(
+                self.model.deck.chosen(card._replace(scope=scope), "ELSET", what)
+            )
             if not some or not value:
                 continue
             if some != own:

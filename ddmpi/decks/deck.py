@@ -197,7 +197,7 @@ class Deck:
         words = _generated(card) if "GENERATE" in card.given else chain(*card.rows)
         self._set(card.word, card, self._entries(card, card.word, filter(None, words)))
         if card.word == "NSET" and "ELSET" in card.given:
-            some = list(self.chosen(card, "ELSET", card.given["ELSET"]))
+            some = self.chosen(card, "ELSET", card.given["ELSET"])
             nodes = [rows[np.isin(rows[:, 0], some), 1:].ravel() for _, rows, _ in self.blocks]
             self._set("NSET", card, np.unique(np.concatenate(nodes)).tolist())
 
@@ -269,14 +269,18 @@ class Deck:
         keys = called(f"{scope}.{name}"), called(name)
         return next((key for key in keys if key in self.sets[kind]), None)
 
-    def members(self, kind: str, what: Entry, within: tuple[str, ...] = ()) -> set[int]:
+    def members(self, kind: str, what: Entry) -> set[int]:
         """The numbers in a set and in the sets that it names, or the number itself. Raises DeckError."""
+        return set(self._members(kind, what))
+
+    def _members(self, kind: str, what: Entry, within: tuple[str, ...] = ()) -> list[int]:
+        """The same, each number as often as it is there."""
         if isinstance(what, int):
-            return {what}
+            return [what]
         scope, word, *so_far = what
         inside, _, last = called(word).rpartition(".")
         if last.isdigit() and inside in self._first:  # a node of an instance
-            return {self._first[inside] + integer(last)}
+            return [self._first[inside] + integer(last)]
         name = self.key(kind, scope, word)
         if name is None or name in within:
             raise DeckError(
@@ -285,15 +289,16 @@ class Deck:
         of = "NSET" if kind == "NODES" else kind  # a surface may have the name of its set
         within = (*within, name) if of == kind else ()
         entries = self.sets[kind][name][: so_far[0] if so_far else None]
-        return set().union(*(self.members(of, member, within) for member in entries))
+        return [*chain(*(self._members(of, member, within) for member in entries))]
 
-    def chosen(self, card: Card, kind: str, word: str) -> set[int]:
-        """The numbers of nodes or elements that a data line of `card` names, by set or number, and that are there.
-        Raises DeckError where there are none."""
+    def chosen(self, card: Card, kind: str, word: str) -> list[int]:
+        """The numbers of nodes or elements that a data line of `card` names, by set or number, and that are there, each
+        as often as it is in the set. Raises DeckError where there are none."""
         if not word:
             raise DeckError("the name of a set is missing")
         known = self.elements if kind == "ELSET" else self.points.keys()
-        found = self.members(kind, self._entries(card, kind, [word])[0]) & known
+        named = self._members(kind, self._entries(card, kind, [word])[0])
+        found = [number for number in named if number in known]
         if not found:
             what = "element" if kind == "ELSET" else "node"
             one = word.rpartition(".")[2].isdigit()
@@ -301,8 +306,8 @@ class Deck:
         return found
 
     def ends(self, card: Card, name: str) -> list[End]:
-        """The elements of a surface of element faces, and the numbers of their faces, each face once. Raises DeckError
-        where it has none."""
+        """The elements of a surface of element faces, and the numbers of their faces, as often as they are there. Raises
+        DeckError where it has none."""
         key = self.key("SURFACE", card.scope, name)
         if key is None:
             raise DeckError(f"there is no surface {name} of element faces")
@@ -310,12 +315,12 @@ class Deck:
         for what, where in self.sets["SURFACE"][key]:
             if where and not re.fullmatch(r"[SE]\d", where):
                 raise DeckError(f"the surface {name} has a side {where} that is no face S1 to S6")
-            some = sorted(self.members("ELSET", what) & self.elements)
+            some = [one for one in self._members("ELSET", what) if one in self.elements]
             sides = [int(where[1])] if where else range(1, 7)
             found += [end for end in product(some, sides) if where or end in self._free]
         if not found:
             raise DeckError(f"the surface {name} is empty")
-        return [*dict.fromkeys(found)]
+        return found
 
     @cached_property
     def _free(self) -> set[End]:

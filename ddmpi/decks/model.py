@@ -4,7 +4,7 @@ import re
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, product
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -38,6 +38,8 @@ from ddmpi.decks.cards import (
 )
 from ddmpi.decks.deck import STRIDE, Deck, nodes_of_faces
 from ddmpi.errors import InputError
+
+T = TypeVar("T")
 
 TAKEN = {
     "ELASTIC": "elastic constants",
@@ -190,7 +192,7 @@ class Model:
     def _nodes(self, card: Card, what: str) -> set[int]:
         """The nodes of a set, or of a number, that a keyword names. Raises InputError."""
         with card.reading():
-            return self.deck.chosen(card, "NSET", what)
+            return set(self.deck.chosen(card, "NSET", what))
 
     def node(self, card: Card, what: str) -> int:
         """The only node of a set, or the one with this number."""
@@ -500,7 +502,7 @@ class Model:
     def _on_solidsection(self, card: Card) -> None:
         self.sections.append(
             (
-                self.deck.chosen(card, "ELSET", card.given["ELSET"]),
+                set(self.deck.chosen(card, "ELSET", card.given["ELSET"])),
                 called(card.given["MATERIAL"]).upper(),
                 [*card.values(), 0.0][0] or 1.0,
                 card.name_of("ORIENTATION"),
@@ -611,7 +613,7 @@ class Model:
     def _on_cload(self, card: Card) -> None:
         self._renew("forces", card)
         for row in card.rows:
-            for node in self._nodes(card, row[0]):
+            for node in self._once(card, self.deck.chosen(card, "NSET", row[0])):
                 k = component(row[1])
                 if k > (6 if node in self._refs else 3):
                     if number(entry(row, 2, "0")):
@@ -633,11 +635,12 @@ class Model:
             way: tuple[float, ...] = ()
             ends: Iterable[End] = ()
             if surface and label in ("P", "TRVEC"):
-                ends = self.deck.ends(card, what)
+                ends = self._once(card, self.deck.ends(card, what))
                 words = "pressure on a surface"
                 way = (*along(values[1:4]).tolist(),) if label == "TRVEC" else ()
             elif not surface and re.fullmatch(r"P\d(NP)?", label):
-                ends = product(self.deck.chosen(card, "ELSET", what), [int(label[1])])
+                elements = self._once(card, self.deck.chosen(card, "ELSET", what))
+                ends = product(elements, [int(label[1])])
                 words = "pressure"
                 if label[2:]:  # P1NP is that of a fluid at a node, the second component there
                     way = (self.node(card, row[2]),)
@@ -654,6 +657,14 @@ class Model:
                     self.notes.lost(card, words)
                 self._add("pressures", (element, face, way), card, values[0])
             self.notes.taken(card, words)
+
+    def _once(self, card: Card, members: list[T]) -> list[T]:
+        """Each of the members of a set or surface that a load is on, which may have some of them several times."""
+        once = [*dict.fromkeys(members)]
+        if len(once) < len(members):
+            words = "a set or surface has members several times, and they have the load once"
+            self.notes.changed(card, f"{words}; CalculiX adds it each time")
+        return once
 
     def _pulled(self) -> dict[End, tuple[float, ...]]:
         """The directions of TRVEC of the steps before, by element and face, unless OP=NEW ends them."""
@@ -700,7 +711,7 @@ class Model:
         ref = self.node(card, card.given["REFNODE"])
         name = card.given["SURFACE"]
         if self.deck.key("NODES", card.scope, name):
-            nodes = self.deck.chosen(card, "NODES", name)
+            nodes = set(self.deck.chosen(card, "NODES", name))
         else:
             ends = set(self.deck.ends(card, name))
             faces = nodes_of_faces(self.deck.blocks, ends)

@@ -202,9 +202,11 @@ class Piece:
         """The name of a set of these nodes (places); a new one, like `name`, if there is none yet."""
         return _kept(self.sets, np.unique(nodes), name, self.taken)
 
-    def patches(self, loaded: np.ndarray) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
+    def patches(
+        self, loaded: np.ndarray, held: Sequence[int] = ()
+    ) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
         """Facets to carry the forces at places `loaded` (k,), and the nodes whose forces they carry: whole facets that
-        hang together, else those around nodes that hang together; and the nodes that have no facet."""
+        hang together, else those around nodes that hang together and are not `held`; and the nodes without a facet."""
         marked = np.zeros(len(self.nodes) + 1, bool)
         marked[loaded] = marked[-1] = True
         ends = marked[self.facets[:, :4]].all(axis=1)
@@ -223,6 +225,7 @@ class Piece:
                 if len(nodes):
                     found.append((facets, nodes))
             left[np.unique(self.facets[some])] = False
+            left[[*held]] = False
         return found, np.flatnonzero(left)
 
     def quadrature(self, facets: np.ndarray, around: bool) -> tuple[np.ndarray, np.ndarray]:

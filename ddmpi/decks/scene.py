@@ -282,7 +282,10 @@ class Importer:
             "body": [*map(_filled, bodies)],
             "rigid": sets.partners,
             "contact": _with_names([*contacts, *sets.bonds, *equations.bonds, *joints.bolts()]),
-            "history": {name: _history(course) for course, name in acts.histories.items()},
+        }
+        said = repr(scene)
+        scene["history"] = {
+            name: _history(course) for course, name in acts.histories.items() if repr(name) in said
         }
         if acts.timed:
             sliding = any("friction" in contact for contact in contacts)

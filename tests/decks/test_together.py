@@ -117,6 +117,34 @@ def test_forces_that_given_displacements_take_change_nothing(tmp_path):
             assert "forces along displacements that are given change nothing" in lists
 
 
+def test_forces_at_nodes_that_are_held_change_nothing(tmp_path):
+    """They are told, and left out, but for those of a whole face, which are what a pressure on all of it is."""
+    held = BOX + "*BOUNDARY\nA_X0, 1, 3\n"
+    plain, _ = imported(tmp_path, held + step("*CLOAD", "33, 3, 2."))
+    words = "forces at nodes along displacements that are given change nothing"
+    for load in "33, 3, 2.\n1, 3, 5.", "33, 3, 2.\n28, 3, 5.\n31, 2, 1.":
+        scene, lists = imported(tmp_path, held + step("*CLOAD", load))
+        assert scene == plain and words in lists
+    scene, lists = imported(tmp_path, held + step("*CLOAD", "A_Z1, 3, 2."))
+    assert scene["body"][0]["traction"][0]["force"] == [0.0, 0.0, 18.0] and words not in lists
+    steps = step("*DLOAD", "9, P2, 1.", "*CLOAD", "A_X0, 3, 5.") + step("*CLOAD, OP=NEW")
+    scene, lists = imported(tmp_path, held + steps)
+    assert len(scene["history"]) == len(scene["body"][0]["traction"]) == 1 and words in lists
+
+
+def test_what_is_twice_in_a_set_has_its_load_once(tmp_path):
+    """And it is told, as CalculiX adds it each time."""
+    sets = "*NSET, NSET=N\n36, A_Z1\n*ELSET, ELSET=E\n9, 9\n*SURFACE, NAME=S\n9, S2\nE, S2\n"
+    words = "a set or surface has members several times, and they have the load once"
+    for load, once in ("*CLOAD\n{}, 3, 1.", "NA_Z1"), ("*DLOAD\n{}, P2, 1.", "E9"):
+        (plain, no), (scene, lists) = (
+            imported(tmp_path, BOX + ROLLERS + sets + step(load.format(name)))
+            for name in (once[1:], once[0])
+        )
+        assert scene == plain and words in lists and words not in no
+    assert words in imported(tmp_path, BOX + ROLLERS + sets + step("*DSLOAD", "S, P, 1."))[1]
+
+
 def test_a_rigid_body_in_the_plane(tmp_path):
     """Force and moment of a reference node in the plane are per depth; the turn is the component 6."""
     deck = grid("A", (8, 2), (4.0, 1.0)) + STEEL + SECTION + "0.5\n*NODE\n900, 6., 0.5\n"
@@ -1002,6 +1030,14 @@ def test_a_sector_turns_with_its_instance(tmp_path):
     assert contact["image"]["pivot"] == pytest.approx([5.0, 0.0, 0.0])
     assert contact["image"]["axis"] == pytest.approx([0.0, -2.0, 0.0], abs=1e-12)
     assert contact["image"]["turn"] == 90.0
+
+
+def test_a_force_along_a_direction_that_is_none_is_refused(tmp_path):
+    """On the axis of a cylinder there is no radius: its force was dropped without a word."""
+    deck = BOX + ROLLERS + "*TRANSFORM, NSET=A_Z1, TYPE=C\n0.5, 0.5, 0., 0.5, 0.5, 1.\n"
+    words = "*CLOAD: a direction of *TRANSFORM at a node on its axis, where it has none"
+    assert words in refused(tmp_path, deck + step("*CLOAD", "32, 1, 1."))
+    assert imported(tmp_path, deck + step("*CLOAD", "32, 3, 1."))
 
 
 def test_each_part_has_orientations_of_its_own(tmp_path):
