@@ -2,7 +2,17 @@
 
 import numpy as np
 
-from ddmpi.decks.cards import Card, DeckError, Entries, axes, called, numbers
+from ddmpi.decks.cards import (
+    Card,
+    DeckError,
+    Entries,
+    axes,
+    called,
+    entry,
+    integer,
+    number,
+    numbers,
+)
 from ddmpi.decks.deck import STRIDE
 from ddmpi.decks.model import Model
 from ddmpi.decks.pieces import Piece, own_name
@@ -23,6 +33,21 @@ def table(card: Card, width: int) -> tuple[np.ndarray, np.ndarray]:
             raise DeckError(f"{width} values are needed")
     values = np.array(lines)
     return values[:, :width], values[:, width]
+
+
+def _turned(card: Card) -> np.ndarray:
+    """(3, 3) rows are the axes of *ORIENTATION, whose second line turns them by an angle (degrees) about one of them.
+    Raises DeckError."""
+    found = axes(card)
+    row = [*card.rows, []][1]
+    if angle := number(entry(row, 1, "0")):
+        k = integer(row[0])
+        if k not in (1, 2, 3):
+            raise DeckError("its axes are turned about one of them, 1 to 3")
+        c, s = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+        others = [k % 3, (k + 1) % 3]
+        found[others] = np.array([[c, s], [-s, c]]) @ found[others]
+    return found
 
 
 class Matter:
@@ -106,8 +131,8 @@ class Matter:
         if own not in known and orientation not in known:
             raise card.error(f"there is no *ORIENTATION {orientation}")
         given = known[own if own in known else orientation]
-        turned = len(given.rows) > 1 and any(numbers(given.rows[1])[1:])
-        return np.zeros((3, 3)) if given.says("SYSTEM", "R")[0] != "R" or turned else axes(given)
+        with given.reading():
+            return np.zeros((3, 3)) if given.says("SYSTEM", "R")[0] != "R" else _turned(given)
 
     def _by_heat(
         self, name: str, piece: Piece, elements: np.ndarray

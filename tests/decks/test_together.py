@@ -992,6 +992,27 @@ def test_orientations_turn_with_their_instance(tmp_path):
     )
 
 
+def test_axes_are_turned_by_a_second_line(tmp_path):
+    """Of *ORIENTATION, by an angle about one of them, as in CalculiX, also in an instance that is turned."""
+    way = "*ORIENTATION, NAME=O\n0., 1., 0., 0., 0., 1.\n{}"
+    for line, first, second in (
+        ("3, 90.\n", [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]),
+        ("2, 30.\n", [-0.5, 0.75**0.5, 0.0], [0.0, 0.0, 1.0]),
+        ("1, 90.\n", [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]),
+        ("3\n", [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]),
+    ):
+        found = [
+            imported(tmp_path, turned_part(place, way.format(line)))[0]["body"][0]["material"]
+            for place in ("", "0., 0., 0.\n0., 0., 0., 1., 0., 0., 90.\n")
+        ]
+        assert np.array(found[0]["axes"]) == pytest.approx(np.array([first, second]), abs=1e-12)
+        (x, y, z), (u, v, w) = first, second
+        moved = np.array([[x, -z, y], [u, -w, v]])
+        assert np.array(found[1]["axes"]) == pytest.approx(moved, abs=1e-12)
+    words = "*ORIENTATION: its axes are turned about one of them, 1 to 3"
+    assert words in refused(tmp_path, turned_part("", way.format("4, 30.\n")))
+
+
 def test_transforms_turn_with_their_instance(tmp_path):
     """A radial direction is that of the axis where the instance has it."""
     deck = turned_part("3., 4., 0.\n0., 0., 0., 0., 0., 1., 90.\n").replace(
