@@ -783,9 +783,9 @@ MUTANTS = [
         ),
         (
             "a face twice in a surface has its pressure twice",
-            "decks/deck",
-            "return [*dict.fromkeys(found)]",
-            "return found",
+            "decks/model",
+            "once = [*dict.fromkeys(members)]",
+            "once = members",
             f"{TOGETHER}::test_a_face_twice_in_a_surface_has_its_pressure_once",
         ),
         (
