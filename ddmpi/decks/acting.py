@@ -197,14 +197,15 @@ class Acts:
             for (_, history), held in at[way].items():
                 places = np.array(sorted(held))
                 values = np.array([held[k] for k in sorted(held)])
-                for some, value in _alike(piece, places, values):
+                for alike, value in _alike(piece, places, values):
                     entry = (
                         {"along": list(way), "value": value}
                         if isinstance(way, tuple)
                         else {self.axes[way]: value}
                     )
-                    key = some.tobytes(), history, isinstance(way, int) or way
-                    together.setdefault(key, (some, {}))[1].update(entry)
+                    for some in piece.parted(alike):
+                        key = some.tobytes(), history, isinstance(way, int) or way
+                        together.setdefault(key, (some, {}))[1].update(entry)
         return [
             {"on": self._named(piece, some, "fixed")} | entry | later(history)
             for (_, history, _), (some, entry) in together.items()
