@@ -255,7 +255,7 @@ def test_a_handful_of_mutated_files(tmp_path):
         str(scenes.ROOT / "scripts" / "study"),
         "mutated_files",
         "--count",
-        "40",
+        "16",
         "--seed",
         "3",
     ]
@@ -267,5 +267,5 @@ def test_a_handful_of_mutated_files(tmp_path):
         timeout=scenes.LIMIT,
         env=scenes.clean_environment() | {"DDMPI_PYTHON": sys.executable},
     )
-    assert done.returncode == 0 and "| all | 40 |" in done.stdout, done.stdout + done.stderr
+    assert done.returncode == 0 and "| all | 16 |" in done.stdout, done.stdout + done.stderr
     assert "0 with a traceback or signal" in done.stdout

@@ -104,7 +104,6 @@ def compare(comm, scene: dict) -> None:
     "name, kind",
     [
         *(("two blocks", kind) for kind in METHODS),
-        ("one loose block", "explicit"),
         ("one loose block", "iterative"),
         ("one free block", "direct"),
     ],

@@ -70,7 +70,7 @@ def symmetric(around: int, order: int) -> dict:
 
 @pytest.mark.parametrize(
     ("around", "order"),
-    [seldom((40, 40), 2), ((40, 46), 1), seldom((40, 40), 1), seldom((40, 46), 2)],
+    [((40, 46), 1), seldom((40, 40), 2)],
 )
 def test_a_shaft_in_a_bush_turns_no_more_than_its_half(around, order):
     """Its displacement is that of the half with a plane of symmetry, in at most twice the steps, and its turn is held."""
@@ -151,12 +151,11 @@ def test_a_gap_that_is_crossed_bears_no_moment(clearance, load, moment):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 2])
-def test_lobes_resist_a_turn(order):
+def test_lobes_resist_a_turn():
     """Three lobes of a thousandth of the radius are no facets: a moment is balanced, as with a friction of 1e-6."""
     geometry = Path(__file__).parents[2] / "scripts" / "round"
     body = [
-        {"name": name, "mesh": {"geometry": str(geometry / f"lobed_{name}.geo"), "size": 4.0, "order": order},
+        {"name": name, "mesh": {"geometry": str(geometry / f"lobed_{name}.geo"), "size": 4.0, "order": 1},
          "material": STEEL}
         for name in ("pin", "lug")
     ]  # fmt: skip
@@ -206,7 +205,7 @@ def rolling(order: int, slave: str, moment: float = 0.0) -> dict:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("order", "slave"), [(1, "ball"), (1, ""), (2, "")])
+@pytest.mark.parametrize(("order", "slave"), [(1, "ball"), (2, "")])
 def test_a_ball_turns_freely_about_three_axes(order, slave):
     """By its own normals, which are radial on linear elements, too: nothing is left along its turns."""
     answer = certified(rolling(order, slave))
@@ -467,10 +466,9 @@ def test_a_shaft_that_its_bush_carries_far_does_not_turn():
     ("around", "order"),
     [
         ((40, 46), 1),
-        seldom((36, 40), 2),
-        *(seldom(around, order) for around in ((40, 40), (60, 60)) for order in (1, 2)),
-        seldom((40, 46), 2),
-        seldom((36, 40), 1),
+        ((36, 40), 2),
+        ((40, 40), 1),
+        ((60, 60), 2),
     ],
 )
 def test_a_shaft_in_a_split_bush_is_that_in_a_whole_one(around, order):

@@ -33,7 +33,7 @@ def law_of(rng: np.random.Generator) -> dict[str, Any]:
     return {"friction": {"law": "coulomb", "coefficient": float(rng.uniform(0.0, 1.0))}}
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(10))
 def test_a_random_slit_is_one_beside_a_bond(tmp_path, seed):
     """In the plane, around an axis and in space, with any law, once or in load steps."""
     rng = np.random.default_rng(seed)
@@ -66,7 +66,7 @@ def test_a_random_slit_is_one_beside_a_bond(tmp_path, seed):
         are_alike(one, two)
 
 
-@pytest.mark.parametrize("seed", range(20))
+@pytest.mark.parametrize("seed", range(10))
 def test_a_random_sector_is_a_part_of_its_wheel(seed):
     """Of one or two parts, with matching flanks or not, bonded or with friction; both have no equilibrium, or one."""
     rng = np.random.default_rng(seed)
@@ -101,7 +101,7 @@ def test_a_random_sector_is_a_part_of_its_wheel(seed):
         assert found == pytest.approx(right, abs=1e-8 * np.abs(right).max())
 
 
-VERDICTS = {"verified": (1, 3, 6, 8, 12, 15, 28, 52), "reported": (2, 7, 9)}
+VERDICTS = {"verified": (1, 6, 8, 28, 52), "reported": (2, 7, 9)}
 """Of seeds: 8 and 52 are bonded slits of linear and quadratic solids, 28 a slit with a soft joint."""
 
 
