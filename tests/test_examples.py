@@ -42,6 +42,7 @@ MODULES = [
     "ddmpi.scene.contacts",
     "ddmpi.scene.reader",
     "ddmpi.system.doubts",
+    "ddmpi.system.matrices",
     "ddmpi.system.numbers",
     *COLLECTIVE,
 ]

@@ -123,16 +123,16 @@ def _patches(mesh: Mesh) -> Patches:
     reach = np.maximum.reduceat(sizes[around.indices], around.indptr[:-1])
     vertices = Vertices(number, corners, at, reach, mesh.order)
     outer = np.searchsorted(number, np.unique(mesh.boundary[0][:, : mesh.cell.facet.corners]))
+    near = around[outer] @ around.T  # (j, m), those at the boundary with all that share cells
     # At the boundary cells count as often as they are around the vertex or one beside it.
-    at_boundary = np.zeros(len(at))
-    at_boundary[outer] = 1.0
-    beside = sparse.diags(at_boundary) @ around @ around.T > 0.0
-    patches = sparse.csr_matrix(around + beside.astype(float) @ around)
+    ends = np.zeros(1 + len(at), near.indptr.dtype)
+    ends[1 + outer] = np.diff(near.indptr)
+    beside = sparse.csr_matrix((np.ones(near.nnz), near.indices, ends.cumsum()), (len(at),) * 2)
     points = CELLS[mesh.dimension, mesh.order].nodes[:, 1:]
     return Patches(
         vertices,
-        _fitted(vertices, patches, sample_places(mesh)),
-        [*_borrowed(vertices, around, outer, points)],
+        _fitted(vertices, around + beside @ around, sample_places(mesh)),
+        [*_borrowed(vertices, near, outer, points)],
         _at_nodes(mesh, vertices),
     )
 
@@ -190,34 +190,33 @@ def _well_posed(M: np.ndarray) -> np.ndarray:
 
 
 def _borrowed(
-    vertices: Vertices, around: sparse.csr_matrix, lonely: np.ndarray, points: np.ndarray
+    vertices: Vertices, near: sparse.csr_matrix, lonely: np.ndarray, points: np.ndarray
 ) -> Iterator[tuple[np.ndarray, sparse.bsr_matrix]]:
-    """`Patches.borrowed` by `lonely` vertices (j,): the mean of the polynomials of the others that share cells `around`
-    them (m, nt).
+    """`Patches.borrowed` by `lonely` vertices (j,): the mean of the polynomials of the others `near` them (j, m), with
+    which they share cells.
 
     With few cells, all on one side, a fit follows their errors. First those beside others borrow, then those beside
     these, as at corners of one cell. Where there are none, as in walls of one element, fits stay. A polynomial is known
     by its values at as many `points` (·, d) as it has terms.
     """
     inverse = np.linalg.inv(_monomials(points.T, vertices.order).T)
-    k, others = len(inverse), np.ones(len(vertices.at))
-    others[lonely] = 0.0
+    k, others = len(inverse), np.ones(len(vertices.at), bool)
+    others[lonely] = False
+    borrower, lender = np.repeat(lonely, np.diff(near.indptr)), near.indices
     for _ in range(EDGES):
-        lenders = sparse.csr_matrix(around[lonely] @ around.T @ sparse.diags(others))
-        lenders.eliminate_zeros()
-        counts = np.diff(lenders.indptr)
-        some = np.flatnonzero(counts)
-        to = np.repeat(lonely, counts)
+        lends = others[lender] & ~others[borrower]
+        to, by = borrower[lends], lender[lends]
+        some, starts, counts = np.unique(to, return_index=True, return_counts=True)
+        if not len(some):
+            return
         places = vertices.at[to].T[:, None] + vertices.reach[to] * points.T[:, :, None]
-        values = vertices.monomials(lenders.indices, places)
+        values = vertices.monomials(by, places)
         means = np.einsum("kq,jqt->tkj", inverse, values / np.repeat(counts, counts))
         matrix = sparse.bsr_matrix(
-            (means, lenders.indices, np.append(0, lenders.indptr[1 + some])),
-            shape=(k * len(some), k * len(others)),
+            (means, by, np.append(starts, len(by))), shape=(k * len(some), k * len(others))
         )
-        yield lonely[some], matrix
-        others[lonely[some]] = 1.0
-        lonely = np.delete(lonely, some)
+        yield some, matrix
+        others[some] = True
 
 
 def _at_nodes(mesh: Mesh, vertices: Vertices) -> sparse.csr_matrix:

@@ -96,7 +96,8 @@ def body_motions(
 
     Not collective. Raises InputError if a loose part of the body is not connected to the rest.
     """
-    pieces, piece = K.connected()
+    # cells that are connected by facets are one piece
+    pieces, piece = K.connected() if mesh.parts.any() else (1, np.zeros(len(mesh.points), int))
     for k in range(pieces if pieces > 1 else 0):
         _refuse_loose(mesh, piece == k, pieces, free, name, springs)
     centre, left = _centroid(mesh), np.empty((0, 0))

@@ -25,6 +25,7 @@ from ddmpi.interface.interface import Interface
 from ddmpi.petsc.events import event
 from ddmpi.scene.contacts import Rigid, SettledContact
 from ddmpi.system.agreement import agreed
+from ddmpi.system.matrices import scaled
 from ddmpi.system.numbers import ALIKE, Frame, RigidMotion, crossed, divisor
 
 
@@ -203,6 +204,7 @@ class Motions:
             self.columns[entries, : len(numbers)] = block
             self._numbers[entries, : len(numbers)] = numbers
         self.Z = self.assemble(self.columns)
+        self._G = self.Z.T
 
     def joined(self, other: Motions) -> Motions:
         """These motions and then the `other` ones."""
@@ -221,13 +223,14 @@ class Motions:
             ],
         )
 
-    def assemble(self, columns: np.ndarray) -> sparse.csr_matrix:
-        """A matrix like Z from `columns` like its own."""
-        rows, places = np.nonzero(self._numbers >= 0)
-        numbers = self._numbers[rows, places]
-        return sparse.csr_matrix(
-            (columns[rows, places], (rows, numbers)), (self.space.size, self.size)
-        )
+    def assemble(
+        self, columns: np.ndarray, entries: np.ndarray | slice = slice(None)
+    ) -> sparse.csr_matrix:
+        """A matrix like Z from `columns` like its own, of all its rows or of those `entries`."""
+        numbers = self._numbers[entries]
+        known = numbers >= 0
+        ends = np.append(0, np.cumsum(known.sum(axis=1)))
+        return sparse.csr_matrix((columns[known], numbers[known], ends), (len(known), self.size))
 
     def spread(self, alpha: np.ndarray) -> np.ndarray:
         """Zα = Gᵀα (owned size,) in metres: the contact displacements of motions with amplitudes α (size,)."""
@@ -235,7 +238,7 @@ class Motions:
 
     def sums(self, s: np.ndarray) -> np.ndarray:
         """Zᵀs = G s (size,) in newtons, the same on all ranks: forces s along the motions. Collective."""
-        return self.space.add(self.Z.T @ s) if self.size else np.zeros(0)
+        return self.space.add(self._G @ s) if self.size else np.zeros(0)
 
 
 def gather_motions(
@@ -300,7 +303,8 @@ class CoarseSystem:
 
     Parameters
     ----------
-    basis, E : I and E (owned size, k) sparse: directions of the unknown forces, and all forces from the unknown ones
+    basis, E : I and E (owned size, k) sparse: directions of the unknown forces, and all forces from the unknown ones;
+        each is of one interface
     weights : W (k,) along the unknown forces; W Iᵀ M I W replaces Iᵀ M I
     stiffness : M times columns (owned size, c), without coupling between interfaces
     resists : K (size, size), sparse, the same on all ranks
@@ -324,19 +328,27 @@ class CoarseSystem:
         columns: sparse.csr_matrix | None = None,
     ) -> None:
         self._space = motions.space
-        moves = sparse.diags(np.append(1.0 - kept, np.ones(motions.size - len(kept))))
-        self._held = np.zeros((motions.size, 0))
-        if held.size:
-            self._held = np.vstack([held, np.zeros((motions.size - len(held), held.shape[1]))])
-            moves = moves - sparse.csr_matrix(self._held) @ sparse.csr_matrix(self._held.T)
+        moves = np.append(1.0 - kept, np.ones(motions.size - len(kept)))
+        self._held = np.vstack([held, np.zeros((motions.size - len(held), held.shape[1]))])
+        of_columns = basis.tocsc()
+        entries = of_columns.indices[of_columns.indptr[:-1]]  # the first of each unknown force
+
+        def moving(columns: np.ndarray) -> sparse.csr_matrix:
+            """Rows (k, size) from `columns` like those of the motions, without what stays."""
+            rows = scaled(motions.assemble(columns, entries), columns=moves)
+            if not held.size:
+                return rows
+            return rows - sparse.csr_matrix(rows @ self._held) @ sparse.csr_matrix(self._held.T)
+
         with event("CoarseSystem"):
             along = basis if columns is None else columns
-            smooth = stiffness(basis @ (weights[:, None] * (along.T @ motions.columns)))
+            w = weights[:, None]
+            smooth = stiffness(basis @ (w * (along.T @ motions.columns)))
             # Elimination of y from [M⁻¹ −Z̃ᵀ; Ẑ K] leaves S. The friction of slipping nodes follows the pressure, so E
             # differs from I, S is not symmetric, and the projector is oblique, unlike FETI's.
-            self._MZ = (sparse.diags(weights) @ basis.T @ motions.assemble(smooth) @ moves).tocsr()
-            self._EZ = (E.T @ motions.Z @ moves).tocsr()
-            local = (self._EZ.T @ self._MZ).tocoo()
+            self._MZ = moving(w * (of_columns.T @ smooth))
+            self._ZE = moving(E.T @ motions.columns).T
+            local = (self._ZE @ self._MZ).tocoo()
             triplets = self._space.gather((local.row, local.col, local.data))
             self.size = motions.size
             with agreed(self._space.comm):
@@ -372,7 +384,7 @@ class CoarseSystem:
         """
         # the right-hand side is summed over ranks in one reduction, and a sent back: a few numbers a body
         a = self._space.solve_first(
-            self._EZ.T @ Mf, lambda total: self._solve(-total if h is None else h - total)
+            self._ZE @ Mf, lambda total: self._solve(-total if h is None else h - total)
         )
         return Mf + self._MZ @ a, a - self._held @ (self._held.T @ a) if self._held.size else a
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 import scipy.sparse as sparse
@@ -98,12 +98,17 @@ class Rows:
         """Facets, as `laplacian` takes them."""
         return self.side.facets[self.seen] if self.bernstein else self.side.pieces(self.seen)
 
+    @cached_property
+    def entries(self) -> tuple[sparse.coo_matrix, sparse.coo_matrix]:
+        """Those of `transfers`."""
+        one, other = self.transfers
+        return one.tocoo(), other.tocoo()
+
     def clamped(self, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Whether clamps constrain all nodes of a row on each side (2, r) in its direction (r, d); and how far (r,) the
         row moves if the free nodes of one side move by one, the larger of both sides."""
         clamped, most = np.empty((2, len(direction)), bool), np.zeros(len(direction))
-        for number, (side, transfer) in enumerate(zip(self.sides, self.transfers, strict=True)):
-            entries = transfer.tocoo()
+        for number, (side, entries) in enumerate(zip(self.sides, self.entries, strict=True)):
             moves = ~is_held(direction[entries.row], side.free[entries.col])
             clamped[number] = np.bincount(entries.row, moves, len(direction)) == 0
             most = np.maximum(
@@ -116,8 +121,7 @@ class Rows:
         d): not where the row is at a node of both, as at the tip of a crack."""
         d, columns, values, numbers = direction.shape[1], [], [], []
         own = direction, -direction if turned is None else -direction @ turned
-        for side, transfer, along in zip(self.sides, self.transfers, own, strict=True):
-            entries = transfer.tocoo()
+        for side, entries, along in zip(self.sides, self.entries, own, strict=True):
             values.append(entries.data[:, None] * along[entries.row])
             columns.append(d * side.nodes[entries.col][:, None] + np.arange(d))
             numbers.append(np.repeat(entries.row[:, None], d, axis=1))
@@ -229,7 +233,7 @@ def build(rows: Rows, contact: SettledContact, moved: float = np.inf) -> Interfa
             xy=xy,
             tangents=frame[keep, 1:],
             area=area,
-            at=(rows.transfers[0][keep] @ sides[0].xy, rows.transfers[1][keep] @ sides[1].xy),
+            at=((rows.transfers[0] @ sides[0].xy)[keep], (rows.transfers[1] @ sides[1].xy)[keep]),
             facets=facets,
             laplacian=laplacian(side.xy, rows.hats, row, len(keep), side.axisymmetric),
             arc=arc,
@@ -266,7 +270,7 @@ def _tilt(rows: Rows, keep: np.ndarray, frame: np.ndarray) -> np.ndarray:
         if np.isfinite(side.modulus) and side.cell.bears:
             smooth = unit(nodal(side.fans, side.simplices, len(side.nodes)))
             normal = np.where(smooth.any(axis=1, keepdims=True), smooth, normal)
-        own.append(transfer[keep] @ normal)
+        own.append((transfer @ normal)[keep])
     across, *along = np.einsum("rtd,srd->tsr", frame, np.stack([own[0], -own[1]]))
     return np.stack(along, axis=-1) / across[:, :, None]
 
@@ -326,7 +330,7 @@ def _along_clamps(rows: Rows, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray
     turns = sum(tangents @ M.swapaxes(1, 2) @ M @ tangents.swapaxes(1, 2) for M in (free, mean))
     turns = np.linalg.eigh(turns)[1][:, :, ::-1].swapaxes(1, 2)
     turns[~is_touched(free)] = np.eye(tangents.shape[1])
-    tangents, entries = turns @ tangents, transfer.tocoo()
+    tangents, entries = turns @ tangents, rows.entries[1 - rows.slave]
     constrained = np.empty(tangents.shape[:2], bool)
     moves = ~is_held(frame[:, 0], free)
     for k, t in enumerate(tangents.swapaxes(0, 1)):
@@ -434,9 +438,11 @@ def _probes(
 
 def _used(side: Side, transfer: sparse.csr_matrix) -> tuple[np.ndarray, sparse.csr_matrix]:
     """The nodes of a side with entries in a transfer, in the order of its rows, and the transfer restricted to them."""
-    columns, first = np.unique(transfer.indices, return_index=True)
-    columns = columns[np.argsort(first)]
-    return side.nodes[columns], transfer[:, columns]
+    columns, first, number = np.unique(transfer.indices, return_index=True, return_inverse=True)
+    order = np.argsort(first)
+    shape = transfer.shape[0], len(columns)
+    restricted = (transfer.data, np.argsort(order)[number], transfer.indptr)
+    return side.nodes[columns[order]], sparse.csr_matrix(restricted, shape)
 
 
 def holds_along(contact: SettledContact) -> bool:

@@ -40,6 +40,7 @@ from ddmpi.scene.contacts import SettledContact
 from ddmpi.sets import magnitude
 from ddmpi.surface.cut import Cover
 from ddmpi.surface.side import Side, neighbours, nodal
+from ddmpi.system.matrices import on_diagonal, scaled
 from ddmpi.system.numbers import SAME
 
 UNCOVERED, STRIP = 0.15, 0.35
@@ -160,15 +161,16 @@ def _smoothed(
     """
     one, corners = sparse.identity(len(side.nodes), format="csr"), side.corners[over.facet]
     covered = np.bincount(over.facet, over.weight, len(side.facets))
-    inside = sparse.diags((covered >= (1.0 - LACKING) * side.areas)[over.facet] * 1.0)
-    phi = inside @ at_points(hats * ~kept[corners], corners, len(side.nodes))
-    weighted = sparse.diags(over.weight) @ phi
+    inside = (covered >= (1.0 - LACKING) * side.areas)[over.facet]
+    phi = at_points(hats * (inside[:, None] & ~kept[corners]), corners, len(side.nodes))
+    phi.eliminate_zeros()
+    weighted = scaled(phi, over.weight)
     M = (weighted.T @ phi).tocsr()
     D = np.asarray(M.sum(axis=1)).ravel()
-    turn = M @ sparse.diags(np.divide(1.0, D, out=np.zeros(len(D)), where=D > 0.0))
+    turn = scaled(M, columns=np.divide(1.0, D, out=np.zeros(len(D)), where=D > 0.0))
     T = SMOOTHING * one + (1.0 - SMOOTHING) * turn
     return (
-        sparse.hstack([psi, inside @ psi, weighted], format="csr"),
+        sparse.hstack([psi, scaled(psi, inside), weighted], format="csr"),
         sparse.hstack([one, sparse.csr_matrix((len(D), 2 * len(D)))], format="csr"),
         sparse.hstack([one, -T @ turn, T], format="csr"),
     )
@@ -198,17 +200,17 @@ def _shared(
     """(k, k) the share that a vertex (row) takes of the functions of all vertices (columns): neighbours by `links`
     (k, k) evenly share those that `shares` (k,) marks, level by level where none keeps a row. Columns sum to one."""
     keeps = vertices & ~shares
-    coefficients = sparse.diags(1.0 * keeps).tocsr()
+    coefficients = on_diagonal(1.0 * keeps)
     done, left = keeps.copy(), vertices & shares
     while left.any():
-        near = (sparse.diags(1.0 * done) @ links).tocsc()  # rows: neighbours that are done
+        near = scaled(links, 1.0 * done).tocsc()  # rows: neighbours that are done
         near.eliminate_zeros()
         number = np.diff(near.indptr)
         now = left & (number > 0)
         if not now.any():  # all vertices would share: then all keep their rows
-            return sparse.diags(1.0 * vertices).tocsr()
+            return on_diagonal(1.0 * vertices)
         # A vertex of this level gives equal parts to its neighbours of earlier levels, which pass them on.
-        average = near @ sparse.diags(np.where(now, 1.0 / np.maximum(number, 1), 0.0))
+        average = scaled(near.tocsr(), columns=np.where(now, 1.0 / np.maximum(number, 1), 0.0))
         coefficients = coefficients + coefficients @ average
         done, left = done | now, left & ~now
     return coefficients.tocsr()

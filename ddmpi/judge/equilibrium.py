@@ -189,27 +189,26 @@ class _Free:
 
         forces, W, c = self.forces, self._W, self._components
         rubs = np.flatnonzero((slope > 0.0) | (bound > 0.0))
-        tangential = sparse.vstack(
-            [forces.friction[(c * rubs[:, None] + np.arange(c)).ravel()], forces.given]
-        )
+        tangential = forces.friction[(c * rubs[:, None] + np.arange(c)).ravel()]
         g = np.concatenate([bound[rubs], forces.bound]) / self._largest
         (bonds, n), m, k = forces.bonded.shape, len(slope), len(g)
-        lift = sparse.csr_matrix((slope[rubs], (rubs, np.arange(len(rubs)))), (m, k))
-        rows = sparse.bmat(
-            [
-                [forces.bonded @ W.T, None],
-                [forces.normal @ W.T, lift],  # and of each disc τ and v_t:
-                [
-                    -sparse.kron(sparse.identity(k), np.eye(c + 1, c, -1)) @ tangential @ W.T,
-                    -sparse.kron(sparse.identity(k), np.eye(c + 1, 1)),
-                ],
-                [-sparse.eye(n + 1, n, -1), sparse.csr_matrix((n + 1, k))],  # |w| ≤ 1
-            ],
-            format="csc",
-        )
+        parts = [forces.bonded, forces.normal, -tangential, -forces.given]
+        powers = (sparse.vstack(parts, "csr") @ W.T).tocoo()
+        first, ball = (
+            bonds + m,
+            bonds + m + (c + 1) * k,
+        )  # where rows of discs begin, and of |w| ≤ 1
+        discs, w = np.arange(k), np.arange(n)
+        disc, along = np.divmod(powers.row - first, c)
+        # rows of bonds, normals, of each disc τ and v_t, and of w; columns of w and τ
+        row = np.where(powers.row < first, powers.row, first + (c + 1) * disc + 1 + along)
+        rows = np.concatenate([row, bonds + rubs, first + (c + 1) * discs, ball + 1 + w])
+        columns = np.concatenate([powers.col, n + discs[: len(rubs)], n + discs, w])
+        values = np.concatenate([powers.data, slope[rubs], np.full(k + n, -1.0)])
+        A = sparse.csc_matrix((values, (rows, columns)), (ball + 1 + n, n + k))
         linear = sparse.csc_matrix((n + k, n + k))
-        right = np.zeros(rows.shape[0])
-        right[-(n + 1)] = 1.0
+        right = np.zeros(A.shape[0])
+        right[ball] = 1.0
         cones = [
             clarabel.ZeroConeT(bonds),
             clarabel.NonnegativeConeT(m),
@@ -225,7 +224,7 @@ class _Free:
             solution = clarabel.DefaultSolver(
                 linear,
                 np.concatenate([-W @ self._e / self._largest, g]),
-                rows,
+                A,
                 right,
                 cones,
                 settings,

@@ -13,6 +13,7 @@ import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
 from ddmpi.body.rigid_motions import rigid_motions
+from ddmpi.system.matrices import scaled, square
 from ddmpi.system.numbers import crossed, in_words
 
 SAME = 1e-2  # velocities that differ by less than this fraction of the largest count as one motion
@@ -160,13 +161,16 @@ def undetermined(
     starts, owner = np.cumsum([0, *numbers]), np.repeat(np.arange(len(bodies)), numbers)
     unit = np.concatenate([np.empty(0), *(body.speeds for body in bodies)])
     friction = np.zeros((2, len(owner))) if friction is None else friction
-    per_speed = sparse.diags(1.0 / unit)
-    G = sparse.csr_matrix(per_speed @ sparse.csr_matrix(G_active))
-    D = sparse.csr_matrix((len(owner),) * 2 if past is None else per_speed @ past @ per_speed)
-    K = per_speed @ (sparse.csr_matrix(D.shape) if changes is None else changes) @ per_speed
+    none = sparse.csr_matrix((len(owner),) * 2)
+    G = scaled(sparse.csr_matrix(G_active, copy=True), 1.0 / unit)
+    D, K = (
+        none if given is None else scaled(given, 1.0 / unit, 1.0 / unit)
+        for given in (past, changes)
+    )
     loads = loads_beside(K, owner)
     G.eliminate_zeros()
-    touches = sparse.csr_matrix((np.ones(starts[-1]), (owner, np.arange(starts[-1])))) @ abs(G)
+    of_bodies = sparse.csr_matrix((np.ones(starts[-1]), np.arange(starts[-1]), starts))
+    touches = of_bodies @ abs(G)
     number, island = csgraph.connected_components(touches @ touches.T, directed=False)
     untouched, sliding = list[str](), list[str]()
     for members in np.split(
@@ -181,8 +185,8 @@ def undetermined(
             untouched.append(some[0].freely)
         elif len(some) <= LARGEST:
             squares = (G[rows] @ G[rows].T).toarray()
-            vectors = unresisted(squares, D[rows][:, rows].toarray())[0]
-            for motion in dead(vectors, K[rows][:, rows].toarray(), loads[rows], RESISTED).T:
+            vectors = unresisted(squares, square(D, rows))[0]
+            for motion in dead(vectors, square(K, rows), loads[rows], RESISTED).T:
                 velocities = np.array(
                     [
                         body.basis @ (motion / unit[rows])[owner[rows] == k]

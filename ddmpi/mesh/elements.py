@@ -317,7 +317,7 @@ class Cell:
         """How far (t,) nodes (t, k, D) (m) are from where the affine map with the tangents of the middle has them, over
         the cell's diagonal."""
         away = self.parameters(self.nodes - self.middle)
-        tangents = self.tangents(nodes, self.middle)[:, :, 0]
+        tangents = self.tangents(nodes)[:, :, 0]
         affine = self.shapes(self.middle) @ nodes + np.einsum("ka,adt->tkd", away, tangents)
         size = np.linalg.norm(np.ptp(nodes, axis=1), axis=1)
         return np.linalg.norm(nodes - affine, axis=2).max(axis=1) / size
@@ -364,7 +364,7 @@ class Cell:
         w = w[:, :, rest] - w[:, :, first]  # as λ_0 = 1 − λ_1 − …
         return (w[..., rest] - w[..., first]) * self._scale(degree)
 
-    @property
+    @cached_property
     def _lower(self) -> np.ndarray:
         """α_n − e_a (n, v, v)."""
         return np.maximum(self.powers[:, None] - np.eye(self.powers.shape[1], dtype=int), 0)
@@ -410,20 +410,26 @@ class Cell:
         rest, first = self._bases
         return slopes[rest] - slopes[first]
 
-    def tangents(self, nodes: np.ndarray, hats: np.ndarray) -> np.ndarray:
-        """∂x/∂λ_a (d, D, q, t) at points (q, c) of t cells in space of dimension D, with `nodes` (t, k, D) (m)."""
-        return self.derivatives(hats)[:, None] @ np.ascontiguousarray(nodes.transpose(2, 1, 0))
+    @cached_property
+    def central(self) -> np.ndarray:
+        """`derivatives` (d, 1, k) in the middle."""
+        return self.derivatives(self.middle)
+
+    def tangents(self, nodes: np.ndarray, hats: np.ndarray | None = None) -> np.ndarray:
+        """∂x/∂λ_a (d, D, q, t) at points (q, c) of t cells in space of dimension D, with `nodes` (t, k, D) (m); in the
+        middle if left out."""
+        return _tangents(self.central if hats is None else self.derivatives(hats), nodes)
 
     def map(self, nodes: np.ndarray, hats: np.ndarray, axisymmetric: bool = False) -> Mapped:
         """Points (q, c) of cells whose `nodes` (t, k, d) need not lie on straight edges (m)."""
-        inverse, determinant = invert(self.tangents(nodes, hats))
-        shapes = self.shapes(hats)
+        derivatives, shapes = self.derivatives(hats), self.shapes(hats)
+        inverse, determinant = invert(_tangents(derivatives, nodes))
         places = np.moveaxis(shapes @ nodes.transpose(2, 1, 0), 0, -1)
         measures = determinant / self.multiple * circumference(places, axisymmetric)
         return Mapped(
             places,
             measures,
-            self.derivatives(hats),
+            derivatives,
             inverse,
             shapes if axisymmetric else None,
             self._modes(nodes, hats, determinant) if self.modes else None,
@@ -432,18 +438,24 @@ class Cell:
     def _modes(self, nodes: np.ndarray, hats: np.ndarray, determinant: np.ndarray) -> np.ndarray:
         """The gradients (d, q, d, t) of λ_0 λ_1 of all factors, by the map of the middle times the ratio of both
         determinants, so that their integrals vanish: constant stresses do no work in them, whatever the cell's shape."""
-        inverse, middle = invert(self.tangents(nodes, self.middle))
+        inverse, middle = invert(self.tangents(nodes))
         coordinates = hats @ self._vertices
         rest, first = self._bases
         slopes = coordinates[:, first] - coordinates[:, rest]
         return np.einsum("qa,act,qt->cqat", slopes, inverse[:, :, 0], middle / determinant)
 
-    def vectors(self, nodes: np.ndarray, hats: np.ndarray) -> np.ndarray:
-        """Normal vectors (d + 1, q, t) of facets in space of dimension d + 1, with `nodes` (t, k, d + 1) (m).
+    def vectors(self, nodes: np.ndarray, hats: np.ndarray | None = None) -> np.ndarray:
+        """Normal vectors (d + 1, q, t) of facets in space of dimension d + 1, with `nodes` (t, k, d + 1) (m), at points
+        as for `tangents`.
 
         Of facets of cells they point outward. Lengths are those of measures over that of the reference cell, one.
         """
         return cross(self.tangents(nodes, hats)) / self.multiple
+
+
+def _tangents(derivatives: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """`Cell.tangents` (d, D, q, t) of cells with `nodes` (t, k, D) (m), by their `derivatives` (d, q, k)."""
+    return derivatives[:, None] @ np.ascontiguousarray(nodes.transpose(2, 1, 0))
 
 
 FACTORIALS = np.array([float(factorial(k)) for k in range(12)])
@@ -569,7 +581,7 @@ def facet_cell(facets: np.ndarray) -> Cell:
 def normals(facets: np.ndarray) -> np.ndarray:
     """Outer normals (s, d) of plane facets by their corners (s, d, d), as long as their measures (m or m²)."""
     cell = facet_cell(facets)
-    return cell.vectors(facets, cell.middle)[:, 0].T
+    return cell.vectors(facets)[:, 0].T
 
 
 def curved_facets(facets: np.ndarray) -> np.ndarray:
@@ -591,10 +603,10 @@ def facet_shares(facets: np.ndarray, axisymmetric: bool = False) -> np.ndarray:
     """∫ φ_i (s, l) over facets with nodes (s, l, D) (m or m²)."""
     cell = facet_cell(facets)
     bent = curved_facets(facets) | axisymmetric | (not cell.simplex)
+    shares = np.outer(np.linalg.norm(cell.vectors(facets)[:, 0], axis=0), cell.mass.sum(axis=1))
+    if not bent.any():
+        return shares
     points, weights = cell.fine
-    shares = np.outer(
-        np.linalg.norm(cell.vectors(facets, cell.middle)[:, 0], axis=0), cell.mass.sum(axis=1)
-    )
     size = np.linalg.norm(cell.vectors(facets[bent], points), axis=0).T
     shapes = cell.shapes(points)
     around = circumference(shapes @ facets[bent], axisymmetric)

@@ -33,6 +33,7 @@ from ddmpi.errors import SolverError
 from ddmpi.interface.law import Tangent
 from ddmpi.methods.half_space import HalfSpace, modes_of
 from ddmpi.petsc.versions import call_solver, petsc_message, reason_name
+from ddmpi.system.matrices import on_diagonal
 from ddmpi.system.numbers import concatenated, counted
 
 log = logging.getLogger("ddmpi")
@@ -304,7 +305,7 @@ class LinearProblem:
         if motions.size:
             diagonal = np.append(springs, diagonal[self._rigid :])
             basis, E = linearised.basis, linearised.expansion
-            resists, more = sparse.diags(diagonal), len(diagonal) - self._rigid
+            resists, more = on_diagonal(diagonal), len(diagonal) - self._rigid
             if joint.K.nnz:
                 resists = resists + sparse.block_diag([joint.K, sparse.csr_matrix((more, more))])
             self._coarse = CoarseSystem(

@@ -153,17 +153,15 @@ def _undetermined(
     past = gathered(assembly.world, by_contact)
 
     def describe() -> list[str]:
-        none = (
-            sparse.csr_matrix((0, size)),
-            sparse.csr_matrix((2, size)),
-        )  # of a scene without contacts
-        forces, slipping = zip(none, *of_all.values(), strict=True)
         stays = assembly.joint.stays  # as if forces resisted them
-        still = sparse.vstack(
-            [sparse.identity(size, format="csr")[stays.bolts], sparse.csr_matrix(stays.held.T)]
-        )
-        resisting = sparse.vstack([*forces, still]).T
-        slips = sum(slipping).toarray()
+        bolts = np.flatnonzero(stays.bolts)
+        forces = [
+            among_all(np.eye(len(bolts)), bolts, size),
+            sparse.csr_matrix(stays.held.T),
+            *(resisting for resisting, _ in of_all.values()),
+        ]
+        resisting = sparse.vstack(forces, "csr").T
+        slips = sum((slipping.toarray() for _, slipping in of_all.values()), np.zeros((2, size)))
         return undetermined(resisting, bodies, summed(past, size), slips, assembly.joint.K)
 
     return from_first(assembly.world, describe)

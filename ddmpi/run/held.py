@@ -46,6 +46,7 @@ from ddmpi.methods.outer import Outer
 from ddmpi.run.equilibrium import Parts, loads_of_loose, sides_moved, summed, with_partners
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import from_first, gathered
+from ddmpi.system.matrices import square
 
 WORST = 3.0
 """Where few nodes bear, the normals of coarse elements are off there by up to this times the mean error COARSE."""
@@ -161,13 +162,13 @@ def motions_to_hold(assembly: Assembly, coarse: bool = True, slight: float = 0.0
     def touching() -> list[np.ndarray]:
         return islands(resisting, size, joint.stays.bolts, FAINT, by_sides)
 
-    if not from_first(world, lambda: bool(touching())):
+    groups = from_first(world, touching)
+    if not groups:
         return none
     moving, bodies = gathered(world, past), with_partners(assembly)
 
     def choose() -> tuple[np.ndarray, ...]:
         sums = [summed(parts, size) for parts in (by_sides, resisting, moving)]
-        groups = touching()
         owner = np.repeat(np.arange(len(bodies)), [body.basis.shape[1] for body in bodies])
         spin = [body.size * np.abs(body.basis[scene.dimension :]).max(axis=0) for body in bodies]
         turned = np.concatenate(spin) > LEVERS
@@ -196,7 +197,7 @@ def _chosen(
     chosen, levels = [np.zeros((K.shape[0], 0))], [np.zeros(0, bool)]
     loads, turned = loads_beside(K, of_bodies[0]), of_bodies[1]
     for members in groups:
-        own, F, D = (matrix[members][:, members].toarray() for matrix in sums)
+        own, F, D = (square(matrix, members) for matrix in sums)
         vectors, level = unresisted(own, D, coarse)
         by_pairs, rough = unresisted(F, D, coarse)
         # what is nearly the same turn, but about another axis, is none beside it
@@ -204,7 +205,7 @@ def _chosen(
         beside = beside[:, : len(sizes)][:, sizes > BESIDE]
         level |= rough and beside.size > 0
         candidates, errors = np.hstack([vectors, beside]), COARSE if level else RESISTED
-        change = _beside_shifts(K[members][:, members].toarray(), candidates, turned[members])
+        change = _beside_shifts(square(K, members), candidates, turned[members])
         given = change, loads[members], errors
         vectors = dead(candidates, *given)
         if coarse and vectors.shape[1] < candidates.shape[1]:
@@ -284,7 +285,7 @@ def islands(
         if not len(members) or not number[members].any() or len(members) > 6 * LARGEST:
             continue
         bound = least**2 * number[members].max() * np.eye(len(members))
-        if not all(is_definite(A[members][:, members].toarray() - bound) for A in matrices):
+        if not all(is_definite(square(A, members) - bound) for A in matrices):
             found.append(members)
     return found
 
