@@ -43,7 +43,6 @@ KINDS = {
     # name: friction law, method, every which multiplication is interrupted
     "anderson": ("coulomb", {"outer": "anderson", "tolerance": 1e-6}, 37),
     "relaxation": ("tresca", RELAXATION | {"algorithm": "modified", "splitting": "step1+2"}, 23),
-    "relaxation, multigrid": ("coulomb", RELAXATION | {"compliance": "iterative"}, 37),
 }
 
 

@@ -107,7 +107,7 @@ def test_what_a_class_does_not_keep_is_refused(projected):
         return type("Variant", (projected,), changes)
 
     def solve(outer, scene=None):
-        scene = scene or pinched_blocks(2, max_iterations=20_000)
+        scene = scene or pinched_blocks(1, max_iterations=20_000)
         return ddmpi.solve(scene, MPI.COMM_SELF, only="contacts", outer=outer)
 
     with pytest.raises(InputError, match=r"has no state of its own, see docs/use/methods\.md"):

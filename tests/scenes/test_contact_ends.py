@@ -46,13 +46,10 @@ def tipping(sideways: float, end: float, cells: int, order: int, slave: str, spa
     }
 
 
-@pytest.mark.every(3)
-@pytest.mark.parametrize(
-    ("order", "space"), [seldom(1, True), (2, False), seldom(1, False), seldom(2, True)]
-)
+@pytest.mark.parametrize(("order", "space"), [(2, False), seldom(1, True)])
 @pytest.mark.parametrize(
     ("cells", "end", "slave"),
-    [(1, 0.8, "slab"), (2, 0.7, "block"), seldom(1, 0.8, "block"), seldom(2, 0.7, "slab")],
+    [(1, 0.8, "slab"), seldom(2, 0.7, "block")],
 )
 def test_a_block_tips_where_the_contact_ends(cells, end, slave, order, space):
     """It does when the moments of push and pressure about the slab's end are equal: sideways · 1 = end − 1/2."""

@@ -243,7 +243,6 @@ def test_bodies_that_clamps_do_not_hold_are_held_by_contact_or_the_reason_is_nam
     from ddmpi.errors import InputError
 
     for held, slides in (
-        ([], True),
         ([{"on": "left", "x": 0.0}], False),
         ([{"on": "top", "y": 0.0}], True),
     ):

@@ -69,21 +69,20 @@ QUICK = "closed", "quadratic mortar", "pulled open", "around an axis"
 """Others are features of the matrix (tests/products), where slits are in all kinds of scenes."""
 
 
-def in_both_ways() -> list:
-    """All cases at once and in load steps, of which the quick suite asks a few in the one or the other by turns."""
+def by_turns() -> list:
+    """All cases at once or in load steps by turns, of which the quick suite asks a few."""
     return [
         pytest.param(
             case,
-            steps,
-            id=f"{'steps' if steps else 'once'}-{name}",
-            marks=[] if steps == (k % 2 == 0) and name in QUICK else pytest.mark.slow,
+            k % 2 == 0,
+            id=f"{'once' if k % 2 else 'steps'}-{name}",
+            marks=[] if name in QUICK else pytest.mark.slow,
         )
         for k, (name, case) in enumerate(CASES.items())
-        for steps in (True, False)
     ]
 
 
-@pytest.mark.parametrize(("case", "steps"), in_both_ways())
+@pytest.mark.parametrize(("case", "steps"), by_turns())
 def test_a_body_with_a_slit_is_two_that_are_bonded(tmp_path, case, steps):
     """Displacements, slip and statuses are those of the halves, which share the nodes beside the slit."""
     slit, order, load, keys = case
@@ -275,6 +274,7 @@ def test_a_prepared_model_knows_a_slit(tmp_path):
             )
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 @pytest.mark.parametrize("bodies", [1, seldom(2)])
 def test_ranks_share_a_body_with_a_slit(tmp_path, bodies):
