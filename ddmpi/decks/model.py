@@ -673,7 +673,7 @@ class Model:
 
     def _body_force(self, card: Card, what: str, label: str, values: list[float]) -> None:
         """A load on the volume of elements, which adds to others of its kind in another direction."""
-        self.deck.chosen(card, "ELSET", what)
+        members = set(self.deck.chosen(card, "ELSET", what))
         slopes = np.zeros((3, 3))
         if label == "CENTRIF":  # ω² times the distance from the axis through a place
             slopes = np.eye(3) - np.outer(along(values[4:7]), along(values[4:7]))
@@ -685,9 +685,21 @@ class Model:
         way = (*constant, *slopes.ravel())
         key = (called(what), card.scope, label)
         acting = {} if "body_forces" in self._renewed else self.kinds["body_forces"]
-        if any(one[:3] == key and one[3] != way and load.value for one, load in acting.items()):
-            words = f"{label} adds to that of the step before, which has another direction or axis"
-            self.notes.changed(card, f"{words}, as in CalculiX; OP=NEW would replace it")
+        fresh = self._fresh["body_forces"] if label == "CENTRIF" else {}
+        for one in {other for other, load in acting.items() if load.value} | fresh.keys():
+            there = self.deck.chosen(card._replace(scope=one[1]), "ELSET", one[0])
+            if one[2] != label or members.isdisjoint(there):
+                continue
+            off = np.abs(np.subtract(one[3], way)).max()
+            if one[:3] == key and off <= EXACT * np.abs(way).max():
+                way = one[3]  # the same but for rounding
+            elif label == "GRAV":
+                apart = "direction or axis" if one[:3] == key else "set"
+                words = f"GRAV adds to that of the step before, which has another {apart}"
+                self.notes.changed(card, f"{words}, as in CalculiX; OP=NEW would replace it")
+            else:
+                words = f"{label} on elements that have one of another set or axis"
+                self.notes.lost(card, f"{words}: programs take one or both")
         self._add("body_forces", (*key, way), card, values[0])
 
     _on_dsload = _on_dload

@@ -759,8 +759,7 @@ LOST = [
     (BOX + ROLLERS + step("*BOUNDARY", "A_Z1, 6, 6, 0.1"), "component 6 of the displacement"),
     (BOX + ROLLERS + step("*BOUNDARY", "A_Z1, 11, 11, 0."), "component 11 of the displacement"),
     (
-        BOX
-        + ROLLERS
+        stack(PAIR, f"{LAW}*FRICTION\n0.2\n")
         + step("*DLOAD", "A, GRAV, 1., 0., 0., -1.")
         + step("*DLOAD", "A, GRAV, 1., 1., 0., 0."),
         "if its steps are load cases, keep one step per deck",
