@@ -467,7 +467,7 @@ class Notes:
     def __init__(self, main: Path) -> None:
         self.main = main
         self.entries = list[tuple[str, Card, str]]()
-        self.cases = False  # whether it would help to import one step alone
+        self.between = list[tuple[Card, str]]()  # what is lost as it changes from step to step
 
     def taken(self, card: Card, reason: str) -> None:
         """Note that a keyword is in the scene, and as what."""
@@ -484,7 +484,7 @@ class Notes:
     def lost_between_steps(self, card: Card, reason: str) -> None:
         """Note what is lost as it changes from step to step in ways that a scene has not."""
         self.lost(card, reason)
-        self.cases = True
+        self.between.append((card, reason))
 
     def words(self, which: str) -> list[str]:
         """A line of text for each entry of a list, in the order of the deck. A keyword that is lost, if only in part,

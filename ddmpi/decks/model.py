@@ -57,6 +57,10 @@ TAKEN = {
 class Model:
     """Materials, contacts, loads and supports of a deck. Raises InputError, with the line, for what cannot be read.
 
+    Parameters
+    ----------
+    changing : what cannot change from step to step as it does in a scene
+
     Attributes
     ----------
     materials : by name (capitals): keyword → its rows and parameters
@@ -77,7 +81,13 @@ class Model:
     final : whether the model changes between the steps, so that only the state at the end is computed
     """
 
-    def __init__(self, deck: Deck, notes: Notes, amplitudes: Iterable[str] = ()) -> None:
+    def __init__(
+        self,
+        deck: Deck,
+        notes: Notes,
+        amplitudes: Iterable[str] = (),
+        changing: Iterable[tuple[Card, str]] = (),
+    ) -> None:
         self.deck = deck
         self.notes = notes
         self.materials: dict[str, dict[str, Card]] = {}
@@ -94,7 +104,7 @@ class Model:
         self.start: dict[int, float] = {}
         self.ends: list[float] = []
         self.jumps: list[Card] = []
-        self.changing: list[tuple[Card, str]] = []  # what differs from step to step, and is no load
+        self.changing = [*changing]  # what differs from step to step, and is no load
         self._named = self._by_name("AMPLITUDE")
         for text in amplitudes:  # NAME=time,factor,…
             name, _, values = text.partition("=")

@@ -148,8 +148,10 @@ class RigidSets:
         """Write a rigid partner with the history of its displacements, of `moves` at most one, and its loads by history
         as tractions on a face, which the partner keeps rigid; the reason where that is not possible."""
         if len(moves) > 1 or rigid.only is not None or not np.isnan(held).any():
-            self.notes.cases = len(self.model.ends) > 1
-            return "its loads and displacements change in different ways"
+            words = "its loads and displacements change in different ways"
+            if len(self.model.ends) > 1:
+                self.notes.lost_between_steps(rigid.card, words)
+            return words
         more = later(next(iter(moves), None))
         reason = self._push(rigid, faces, held, np.zeros(len(held)), pivot, more)
         if not reason:

@@ -66,10 +66,15 @@ METALS = 4e4, 1e6
 class Importer:
     """A scene in the making: bodies, their clamps and loads, and the histories that these follow."""
 
-    def __init__(self, path: Path, amplitudes: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        path: Path,
+        amplitudes: Sequence[str] = (),
+        changing: Sequence[tuple[Card, str]] = (),
+    ) -> None:
         self.notes = Notes(path)
         self.deck = Deck(path)
-        self.model = Model(self.deck, self.notes, amplitudes)
+        self.model = Model(self.deck, self.notes, amplitudes, changing)
         linear = len(self.model.ends) == 1 and all(
             card.word == "TIE" for card, *_ in self.model.pairs
         )
@@ -333,6 +338,9 @@ def import_deck(
     try:
         importer = Importer(path, amplitudes)
         scene = importer.scene(path.stem)
+        if importer.notes.between:  # without friction the state at the end is one
+            importer = Importer(path, amplitudes, importer.notes.between)
+            scene = importer.scene(path.stem)
     except (InputError, DeckError, OSError) as error:
         raise InputError(f"{deck}: {error}") from None
     lists = {title: importer.notes.words(title) for title in ("taken", "changed", "lost")}
@@ -341,7 +349,8 @@ def import_deck(
             f"{deck}: a scene would be another problem without what is not possible; nothing is written "
             "(--partial writes it all the same)"
             + "".join(f"\n  {line}" for line in lists["lost"])
-            + "\n  if its steps are load cases, keep one step per deck" * importer.notes.cases
+            + "\n  if its steps are load cases, keep one step per deck"
+            * bool(importer.notes.between)
         )
     tried = write_toml(scene)
     kind = 2 if importer.family != "C3D" else 3, importer.order
