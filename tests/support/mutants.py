@@ -1155,8 +1155,8 @@ MUTANTS = [
         (
             "a weight in the same direction is said to add",
             "decks/model",
-            "one[:3] == key and one[3] != way and load.value",
-            "one[:3] == key and load.value",
+            "if one[:3] == key and off <= EXACT * np.abs(way).max():",
+            "if one[:3] != key and off <= EXACT * np.abs(way).max():",
             "decks/test_together.py::test_a_weight_replaces_that_of_the_step_before_in_its_direction_alone",
         ),
         (
