@@ -14,7 +14,7 @@ from ddmpi.coupling.assembly import Assembly, Body
 from ddmpi.interface.state import Answered, ContactState, ContactTotals
 from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps, known_finite
 from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
-from ddmpi.judge.rolls import doubt_rolls, free_to_roll
+from ddmpi.judge.rolls import Bearing, bearing, doubt_rolls, mean_turn
 from ddmpi.mesh.boundary import creases
 from ddmpi.mesh.elements import CELLS, cell_with, invert
 from ddmpi.mesh.mesh import Mesh, tangents
@@ -150,7 +150,10 @@ def doubt_answer(assembly: Assembly, answer: Answered, passing: bool = False) ->
         return []
     by_body = gathered(world, _of_bodies(assembly, answer, passing))
     loads = {name: load for name, (_, load) in by_body.items()}
-    by_contact = gathered(world, _of_contacts(assembly, answer, passing))
+    doubts, resolved = _of_contacts(assembly, answer, passing)
+    by_contact = gathered(world, doubts)
+    rolling = assembly.loose and not passing
+    bearings = gathered(world, _bearings(assembly, answer, resolved) if rolling else {})
     overlaps = []
     if not assembly.scene.output.only:
         overlaps = doubt_overlaps(here, assembly.along(answer.displacements), contacts)
@@ -161,7 +164,11 @@ def doubt_answer(assembly: Assembly, answer: Answered, passing: bool = False) ->
     certain = {name: one for name, one in contacts.items() if f"contact.{name}" not in rounded}
     return [
         *(warning for body in assembly.scene.body for warning in by_body[body.name][0]),
-        *free_to_roll(told, contacts, assembly.loose),
+        *told,
+        *doubt_rolls(
+            {name: bearings[name] for name in contacts if name in bearings},
+            assembly.joint.rigid.size,
+        ),
         *([] if passing else _unresolved(assembly, certain, loads)),
         *overlaps,
     ]
@@ -188,8 +195,11 @@ def _of_bodies(
     return found
 
 
-def _of_contacts(assembly: Assembly, answer: Answered, passing: bool) -> dict[str, list[str]]:
-    """The warnings of the contacts that this rank owns, by name. Collective."""
+def _of_contacts(
+    assembly: Assembly, answer: Answered, passing: bool
+) -> tuple[dict[str, list[str]], set[str]]:
+    """The warnings of the contacts that this rank owns, by name, and the names of those whose forces are more than rounding
+    and noise. Collective."""
     world, here = assembly.world, assembly.in_world()
     most = world.allreduce(
         max((body.member.elasticity.load for body in assembly.bodies), default=0.0), MPI.MAX
@@ -197,8 +207,7 @@ def _of_contacts(assembly: Assembly, answer: Answered, passing: bool) -> dict[st
     pressed = world.bcast(
         max((contact.normal_max for contact in answer.contacts.values()), default=0.0)
     )
-    rolling, found = assembly.loose and not passing and not assembly.frames, {}
-    rigid = _moved(assembly, answer, _rigid(assembly, answer)) if rolling else {}
+    found, resolved = dict[str, list[str]](), set[str]()
     for name, (slid, largest) in _moved(assembly, answer, answer.displacements).items():
         state = answer.states[name]
         warnings = [] if assembly.frames else [*_far_slip(assembly, state, slid)]
@@ -211,11 +220,42 @@ def _of_contacts(assembly: Assembly, answer: Answered, passing: bool) -> dict[st
             rounding = [*_lost_in_rounding(state, largest, assembly.scene.units)]
             few = _few_nodes if assembly.frames else _unresolved_zone
             warnings += rounding or few(state)
-            if rolling and not rounding:
-                warnings += doubt_rolls(state, rigid[name][0])
+            if not rounding:
+                resolved.add(name)
         if warnings:
             found[name] = warnings
+    return found, resolved
+
+
+def _bearings(
+    assembly: Assembly, answer: Answered, resolved: Collection[str]
+) -> dict[str, Bearing]:
+    """How the contacts of this rank hold loose bodies, by name; of the turns of those that are not `resolved` nothing is to
+    be told. Collective."""
+    turns, found = _turns(assembly, answer), dict[str, Bearing]()
+    blocks = assembly.joint.rigid.blocks
+    for interface, (_, numbers, block) in zip(assembly.space.interfaces, blocks, strict=True):
+        name = interface.name
+        one = bearing(
+            answer.states[name], numbers, block, turns[name] if name in resolved else None
+        )
+        if one:
+            found[name] = one
     return found
+
+
+def _turns(assembly: Assembly, answer: Answered) -> dict[str, np.ndarray]:
+    """By contact of this rank how far its first body has turned past its second, (1,) or (3,) (rad): since they were drawn,
+    if they move far, or by the motions that clamps leave free. Collective."""
+    frames = assembly.frames
+    if frames:
+        pairs = {each.name: each.bodies for each in assembly.space.interfaces}
+        return {
+            name: np.radians(frames[one].after(frames[other].undone).turn)
+            for name, (one, other) in pairs.items()
+        }
+    moved = _moved(assembly, answer, _rigid(assembly, answer))
+    return {name: mean_turn(answer.states[name], slid) for name, (slid, _) in moved.items()}
 
 
 def _rigid(assembly: Assembly, answer: Answered) -> dict[str, np.ndarray]:

@@ -1,14 +1,10 @@
 """Round bodies that roll to where a few nodes bear them: the warning, beside the roll of a rigid polygon."""
 
 import re
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scenes import certified, rectangle, seldom
-
-from ddmpi.judge.rolls import KIND, free_to_roll
-from ddmpi.system.doubts import Doubt
 
 RADIUS = 10.0
 
@@ -57,9 +53,9 @@ def rolls(scene: dict) -> list[str]:
     return [warning for warning in found if "roll on each other" in warning]
 
 
-def degrees_of(answer) -> float:
+def degrees_of(answer, name: str = "roller") -> float:
     """The mean turn of the roller."""
-    x, u = answer.bodies["roller"].points, answer.bodies["roller"].displacement
+    x, u = answer.bodies[name].points, answer.bodies[name].displacement
     x, u = x - x.mean(axis=0), u - u.mean(axis=0)
     return float(np.degrees((x[:, 0] * u[:, 1] - x[:, 1] * u[:, 0]).sum() / (x**2).sum()))
 
@@ -190,17 +186,77 @@ def test_a_cylinder_in_space_rolls_to_lines_of_nodes():
     assert "contact.roller-floor: roller and floor roll on each other by" in told
 
 
-def test_bodies_with_other_supports_do_not_roll():
-    told = [Doubt("contact.a: rolls", KIND), Doubt("contact.b: rolls", KIND), "something else"]
+def in_a_groove(start: float, coefficient: float, angle: float = 45.0) -> dict:
+    """The roller in a groove of two planes at an `angle`, its first node at `start` degrees."""
+    scene = roller(48, tilt=0.0)
+    scene["body"][0]["mesh"]["angles"] = [start, start + 360.0]
+    scene["rigid"], scene["contact"] = [], []
+    for name, turn in (("left", angle), ("right", -angle)):
+        normal = np.array([np.sin(np.radians(turn)), np.cos(np.radians(turn))])
+        plane = {"name": name, "shape": "plane", "normal": normal.tolist()}
+        scene["rigid"].append(plane | {"point": (-RADIUS * normal).tolist()})
+        scene["contact"].append(rubs("roller", name, "outer"))
+        scene["contact"][-1]["friction"]["coefficient"] = coefficient
+    return scene
 
-    def touching(one: str, other: str, acting: float = 1.0) -> SimpleNamespace:
-        return SimpleNamespace(bodies=(one, other), acting=acting)
 
-    contacts = {
-        "a": touching("wheel", "floor"),
-        "b": touching("block", "floor"),
-        "c": touching("block", "wall"),
-        "d": touching("wheel", "wall", 0.0),
-    }
-    assert free_to_roll(told, contacts, {"wheel", "block"}) == [told[0], told[2]]
-    assert free_to_roll(told, contacts, {"block"}) == [told[2]]
+@pytest.mark.parametrize("start", [1.0, 3.0])
+@pytest.mark.parametrize(("coefficient", "rolls_by"), [(0.3, 0.0), (0.01, 3.75)])
+def test_friction_that_sticks_in_a_groove_leaves_no_roll(start, coefficient, rolls_by):
+    """Both sides of a symmetric groove hold a smooth cylinder, whatever the friction. One that slips on facets rolls to
+    where two nodes bear on either plane; one that sticks only goes down onto its nodes."""
+    answer = certified(in_a_groove(start, coefficient))
+    told = [w for w in answer.summary["warnings"] if "roll on each other" in w]
+    assert len(told) == bool(rolls_by)
+    if rolls_by:
+        assert abs(degrees_of(answer)) == pytest.approx(rolls_by - start, abs=0.01)
+        assert "decide up to 3.8 either way" in told[0] and "worst of 2 such" in told[0]
+    else:
+        assert abs(degrees_of(answer)) < 0.1
+
+
+def on_two_rollers(starts: tuple[float, float], held: bool = False) -> dict:
+    """A plate on rollers with their first nodes at `starts` degrees; it may be `held` along the floor."""
+    scene = roller(48, tilt=0.0)
+    (first,), contacts = (
+        scene["body"],
+        [rubs("one", "floor", "outer"), rubs("two", "floor", "outer")],
+    )
+    first |= {"volume_force": [0.0, 0.0]}
+    rollers = [
+        first
+        | {
+            "name": name,
+            "mesh": first["mesh"] | {"center": [x, 0.0], "angles": [start, start + 360.0]},
+        }
+        for name, x, start in zip(("one", "two"), (0.0, 30.0), starts, strict=True)
+    ]
+    plate = rectangle("plate", (-20.0, RADIUS), (70.0, 6.0), (70, 2), young=2.1e8)
+    plate |= {"traction": [{"on": "top", "value": [0.0, -20.0]}]}
+    plate |= {"clamp": [{"on": "left", "x": 0.0}]} if held else {"clamp": []}
+    contacts += [
+        rubs(name, "plate", "outer", "bottom") | {"slave": name} for name in ("one", "two")
+    ]
+    return scene | {"body": [*rollers, plate], "contact": contacts}
+
+
+@pytest.mark.parametrize(("held", "turn"), [(False, 1.75), (True, 0.0)])
+def test_a_plate_on_rollers_rolls_to_their_nodes(held, turn):
+    """A plate that is held along the floor holds its rollers; another one rolls with them to where two nodes bear at
+    each, 2 and 5.5 degrees beside the foot."""
+    answer = certified(on_two_rollers((2.0, 2.0), held))
+    for name in ("one", "two"):
+        assert degrees_of(answer, name) == pytest.approx(turn, abs=0.1)
+    told = [w for w in answer.summary["warnings"] if "roll on each other" in w]
+    assert len(told) == (not held)
+    assert held or ("worst of 4 such" in told[0] and "decide up to 3.8 either way" in told[0])
+
+
+@pytest.mark.parametrize(("coefficient", "told"), [(0.3, 0), (0.02, 1)])
+def test_a_roller_that_moves_far_rolls_to_its_nodes(coefficient, told):
+    """Its turn is that since it was drawn."""
+    scene = in_a_groove(2.0, coefficient) | {"time": {"motions": "far", "points": [1.0]}}
+    answer = certified(scene)
+    assert abs(degrees_of(answer)) == pytest.approx(1.75 if told else 0.0, abs=0.1)
+    found = [re.search(r"roll on each other by 1.[78] deg", w) for w in answer.summary["warnings"]]
+    assert sum(map(bool, found)) == told
