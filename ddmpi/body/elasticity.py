@@ -387,7 +387,7 @@ def _sum_cases(summands: Sequence[tuple[float, LoadCase]]) -> LoadCase:
     """The sum of load cases, each times a factor."""
     return LoadCase(
         *(
-            np.sum([factor * getattr(case, entry.name) for factor, case in summands], axis=0)
+            sum(factor * getattr(case, entry.name) for factor, case in summands)
             for entry in fields(LoadCase)
         )
     )

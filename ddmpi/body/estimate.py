@@ -262,7 +262,7 @@ def _by_cells(
         if heat is not None:  # in plane strain σ_zz has energy as well
             at = mesh.cell.rule[0] if part.curved else mesh.cell.samples[0]
             warm = cell_temperature(mesh, heat, at, part.cells)
-            warm = warm if part.curved else _between(mesh) @ warm
+            warm = warm if part.curved else mesh.cell.from_samples @ warm
             density = thermal(part.material, mesh.strains)[3] * warm**2
             energies[part.cells] += (part.share * density).sum(axis=0)
     return squares, energies, _joined(mesh, material, split, recovered.nodes, heat)
@@ -279,7 +279,7 @@ def differences(
     split, sampled, recovered = found or _recovered(mesh, material, moved)
     cell, points, measures = mesh.cell, mesh.cell.rule[0], mesh.measures()
     shapes, k = cell.shapes(points), len(moved)
-    between, places = _between(mesh), sample_places(mesh.home)
+    between, places = cell.from_samples, sample_places(mesh.home)
     for cells, uniform, curved in portions(mesh, material):
         computed, weights = between @ sampled[..., cells], uniform.thickness * cell.rule[1]
         share = weights[:, None] * measures[cells]
@@ -298,16 +298,6 @@ def differences(
         scattered = np.concatenate(fits if cell.linear else [sampled[:, :0, cells]], axis=1)
         of_each = (x.reshape(k, len(x) // k, *x.shape[1:]) for x in (computed, off, scattered))
         yield Difference(cells, uniform, curved, share, *of_each)
-
-
-def _between(mesh: Mesh) -> np.ndarray:
-    """(p, q) the values at the p points of quadrature from those at the q samples, of stress on straight cells: σ_h is a
-    combination of the derivatives of shape functions there, which needs no second evaluation."""
-    spans = [
-        mesh.cell.derivatives(places).swapaxes(0, 1).reshape(len(places), -1)
-        for places in (mesh.cell.rule[0], mesh.cell.samples[0])
-    ]
-    return spans[0] @ np.linalg.pinv(spans[1])
 
 
 def nodal_stress(

@@ -116,14 +116,15 @@ def _patches(mesh: Mesh) -> Patches:
     is_vertex = np.zeros(len(mesh.points), bool)
     is_vertex[mesh.corners] = True
     number, corners = np.flatnonzero(is_vertex), (np.cumsum(is_vertex) - 1)[mesh.corners]
-    at, cells = mesh.points[number], np.repeat(np.arange(len(corners)), corners.shape[1])
-    around = sparse.csr_matrix((np.ones(corners.size), (corners.ravel(), cells)))  # (m, nt)
+    at, ends = mesh.points[number], np.arange(0, corners.size + 1, corners.shape[1])
+    vertices_of = sparse.csr_matrix((np.ones(corners.size), corners.ravel(), ends))  # (nt, m)
+    around = vertices_of.T.tocsr()
     # Coordinates relative to the vertex, over the size of its cells, keep the normal equations well conditioned.
     sizes = np.linalg.norm(np.ptp(np.take(at.T, corners.T, axis=1), axis=1), axis=0)
     reach = np.maximum.reduceat(sizes[around.indices], around.indptr[:-1])
     vertices = Vertices(number, corners, at, reach, mesh.order)
     outer = np.searchsorted(number, np.unique(mesh.boundary[0][:, : mesh.cell.facet.corners]))
-    near = around[outer] @ around.T  # (j, m), those at the boundary with all that share cells
+    near = around[outer] @ vertices_of  # (j, m), those at the boundary with all that share cells
     # At the boundary cells count as often as they are around the vertex or one beside it.
     ends = np.zeros(1 + len(at), near.indptr.dtype)
     ends[1 + outer] = np.diff(near.indptr)

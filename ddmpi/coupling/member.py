@@ -153,6 +153,8 @@ class Member(Sides):
 
     def shared(self) -> np.ndarray:
         """(size,) bool, the rows of nodes at which the body has several contacts. Not collective."""
+        if len(self.parts) < 2:
+            return np.zeros(self.size, bool)
         B = self.C.B.tocoo()
         return np.bincount(B.row, self._several()[B.col], self.size) > 0.0
 

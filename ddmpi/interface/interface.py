@@ -151,6 +151,13 @@ class Geometry:
     tilt: np.ndarray = field(default_factory=lambda: np.zeros((2, 0, 1)))
     covered: float = 0.0
 
+    @cached_property
+    def neighbours(self) -> np.ndarray:
+        """(p, 2) the pairs of rows with a common entry in the laplacian, the lower one first."""
+        entries = self.laplacian.tocoo()
+        pairs = np.column_stack([entries.row, entries.col])
+        return pairs[(entries.row < entries.col) & (entries.data != 0.0)]
+
 
 @dataclass(frozen=True)
 class Partner:

@@ -17,6 +17,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -131,7 +132,7 @@ class Law:
     def size(self) -> int:
         return self.m + len(self.sliding) * self.components
 
-    @property
+    @cached_property
     def node(self) -> np.ndarray:
         """The node (size,) of each entry of a vector, which is also the entry of its normal force."""
         return np.concatenate([np.arange(self.m), np.repeat(self.sliding, self.components)])

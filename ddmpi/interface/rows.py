@@ -392,6 +392,8 @@ def _live(
 
 def _at_rows(rows: Rows, some: np.ndarray, gap: np.ndarray) -> Places:
     """The places of `some` rows (k,), with their entries of `gap` (r,)."""
+    if not len(some):
+        return Places(normal=rows.normal[some])
     (first, one), (second, other) = (
         _used(side, transfer[some])
         for side, transfer in zip(rows.sides, rows.transfers, strict=True)

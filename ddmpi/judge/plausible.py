@@ -685,7 +685,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
     interface, number = state.interface, len(state.status)
     if interface.law.two_sided or number < 3:
         return
-    pairs = np.column_stack(sparse.triu(interface.geometry.laplacian, 1).nonzero())
+    pairs = interface.geometry.neighbours
     d, closed = interface.dimension, state.status != "open"
     both = closed[pairs].all(axis=1)
     links = sparse.csr_matrix((np.ones(both.sum()), pairs[both].T), (number, number))

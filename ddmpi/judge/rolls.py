@@ -15,7 +15,6 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-import scipy.sparse as sparse
 
 from ddmpi.body.rigid_motions import rigid_motions
 from ddmpi.interface.interface import Interface
@@ -135,7 +134,7 @@ def bearing(
 def _round(interface: Interface, closed: np.ndarray, turn: np.ndarray) -> Round | None:
     """How sides roll by a `turn` (rad) on their `closed` (m,) rows; None where they are not round, or many nodes bear. Not
     collective."""
-    pairs = np.column_stack(sparse.triu(interface.geometry.laplacian, 1).nonzero())
+    pairs = interface.geometry.neighbours
     pairs = pairs[closed[pairs].any(axis=1)]
     if interface.axisymmetric or interface.law.two_sided or interface.itself or not len(pairs):
         return None

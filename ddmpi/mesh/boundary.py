@@ -3,7 +3,6 @@
 import functools
 import re
 from collections.abc import Collection, Sequence
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -233,7 +232,7 @@ def combined(mesh: Mesh, name: str, clamp: bool = False) -> Mesh:
             kind[name] = np.concatenate(members)
     if name in groups:
         groups[name] = groups[name][distinct(groups[name])[0]]
-    return replace(mesh, groups=groups, curves=curves, vertices=vertices)
+    return mesh.regrouped(groups, curves, vertices)
 
 
 # Drawings, in a session of gmsh

@@ -29,6 +29,9 @@ from ddmpi.system.numbers import ROUNDING, in_words
 EACH = 200.0
 """Least memory of a linear cell (bytes): nodes, groups, and its part of the stiffness."""
 
+LITTLE = 2.0**20
+"""Memory that there is anyway (bytes)."""
+
 NAMES_OTHERS = {
     ".geo": rb"include|merge|open(?!cascade)|import|shapefromfile",
     ".inp": rb"\*include|input *=",
@@ -170,8 +173,7 @@ def _turned(mesh: Mesh, key: str, acted: Collection[str]) -> Mesh:
 def _refuse_huge(cells: float, names: str, key: str) -> None:
     """Raise InputError where free memory cannot hold so many cells and their stiffness."""
     needed = EACH * cells
-    free = free_memory()
-    if needed > free:
+    if needed > LITTLE and needed > (free := free_memory()):
         raise InputError(
             f"{key}: {cells:.2g} {names} need more than {needed / 2**30:.2g} GiB of memory; "
             f"{free / 2**30:.2g} GiB are free"

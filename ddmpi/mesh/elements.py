@@ -411,6 +411,16 @@ class Cell:
         return slopes[rest] - slopes[first]
 
     @cached_property
+    def from_samples(self) -> np.ndarray:
+        """(p, q) the values at the p points of the `rule` from those at the q `samples`, of stress on straight cells: σ_h
+        is a combination of the derivatives of shape functions there, which needs no second evaluation."""
+        spans = [
+            self.derivatives(places).swapaxes(0, 1).reshape(len(places), -1)
+            for places in (self.rule[0], self.samples[0])
+        ]
+        return spans[0] @ np.linalg.pinv(spans[1])
+
+    @cached_property
     def central(self) -> np.ndarray:
         """`derivatives` (d, 1, k) in the middle."""
         return self.derivatives(self.middle)

@@ -211,6 +211,13 @@ class Mesh:
         )
         return other
 
+    def regrouped(self, groups: Groups, curves: Groups, vertices: Groups) -> Mesh:
+        """The same cells with other groups of the boundary, which is not looked for again."""
+        other = replace(self, groups=groups, curves=curves, vertices=vertices)
+        found = vars(self)
+        vars(other).update({name: found[name] for name in ("_sides", "curved") if name in found})
+        return other
+
     def once(self, find: Callable[[Mesh], T]) -> T:
         """What a function finds of a mesh and no shift changes: found at home, once for all shifts."""
         found = vars(self.home).setdefault("_found", {})

@@ -30,7 +30,7 @@ from ddmpi.run.run import Cases
 from ddmpi.scene.given import Given, values_with_names, with_names
 from ddmpi.scene.keys import override
 from ddmpi.scene.petsc import code_of, refuse_reaching
-from ddmpi.scene.reader import as_data, read_data, read_scene, read_text
+from ddmpi.scene.reader import as_data, checked, read_data, read_text
 from ddmpi.scene.results import with_letters
 from ddmpi.scene.scene import Settled
 from ddmpi.system import logs
@@ -294,7 +294,7 @@ class Model:
             }
             for key, value in {**values, **given}.items():
                 override(data, str(key), as_data(value, "overrides", str(key)), "overrides: ")
-            return read_scene(self._path, data, file_kind=kind_of_files(self._path))
+            return checked(self._path, data, kind_of_files(self._path))
 
         return from_first(self._world, read)
 

@@ -37,9 +37,9 @@ def look_for_mechanism(assembly: Assembly, least: float = IMBALANCE) -> Mechanis
     """The mechanism that proves that no contact forces balance the loads on loose bodies, or None; on all ranks.
     `least` is as for `find_mechanism`.
 
-    Skipped without loose bodies, with more than `LARGEST`, and without clarabel. Collective.
+    Skipped without loose bodies or loads on them, with more than `LARGEST`, and without clarabel. Collective.
     """
-    if not assembly.loose or len(assembly.loose) > LARGEST:
+    if not assembly.loose or len(assembly.loose) > LARGEST or not assembly.joint.e.any():
         return None
     world, joint, scene = assembly.world, assembly.joint, assembly.scene
     loads = loads_of_loose(assembly)

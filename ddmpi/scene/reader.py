@@ -116,7 +116,11 @@ def read_scene(
     `path` stands in messages. `file_kind` gives dimension and order of a body's mesh file; without it, files count as
     plane and linear. Raises InputError, the same on all ranks, with file and key. Not collective.
     """
-    data = read_data(path, scene, settings)
+    return checked(path, read_data(path, scene, settings), file_kind)
+
+
+def checked(path: str, data: dict, file_kind: FileKind | None = None) -> Settled:
+    """The scene of `read_data`, as of `read_scene`. Not collective."""
     try:
         data = expanded(data)
         return msgspec.convert(data, Scene).settled(file_kind)

@@ -82,6 +82,8 @@ def tables(table: Table, key: str = "") -> Iterator[tuple[str, Table]]:
     """All tables within a table with their keys, entries of lists by their names."""
     for name in table.__struct_fields__:
         value = getattr(table, name)
+        if not isinstance(value, list | Table):
+            continue
         for number, entry in enumerate(value if isinstance(value, list) else [value]):
             if isinstance(entry, Table):
                 called = getattr(entry, "called", getattr(entry, "name", number))
