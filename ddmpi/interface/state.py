@@ -179,7 +179,7 @@ class ContactState:
     def utilisation(self) -> float:
         """1/α with the largest α for which friction within the nodes' present bounds has α times the force and moment
         of this one, around an axis the axial force: 1 where the contact slips as a whole, 0 where it is rounding. NaN
-        without friction or load.
+        without friction or load, and where friction cannot act along the axis.
 
         Many nodes may slip while the contact is far from slipping. It says nothing of bounds under other loads.
         """
@@ -198,6 +198,8 @@ class ContactState:
             -1, *tangents.shape[1:]
         )
         powers = bound[..., None] / bound.max() * (tangents[sliding] @ motions)
+        if np.abs(powers).max() <= SAME:  # around an axis, of a plane across it
+            return np.nan
         share = 1.0 / largest_factor(powers, self.tangential_force[sliding] / bound)
         return share if share > SAME else 0.0
 

@@ -22,7 +22,7 @@ from ddmpi.scene.contacts import both_sides
 from ddmpi.scene.scene import Settled
 from ddmpi.system.agreement import gathered
 from ddmpi.system.doubts import Doubt
-from ddmpi.system.numbers import SAME, in_words, place_of_largest
+from ddmpi.system.numbers import ROUNDING, SAME, in_words, place_of_largest, without
 
 LIMIT = {
     # of a mesh
@@ -390,6 +390,7 @@ def _points_that_carry(
                 "displacement grows without limit as the mesh is refined, so clamp a boundary group instead",
                 "point",
                 force.max(),
+                of=f"body.{name}.clamp {on!r}",
             )
 
 
@@ -715,8 +716,10 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
         poor &= np.bincount(zone[sharp], minlength=number) == 0  # not at corners
     if poor.any():
         k = int(np.argmax(np.where(poor, force, -np.inf)))
+        least = ROUNDING * float(np.abs(interface.xy).max())
+        middle = without(interface.xy[zone == k].mean(axis=0), least)
         yield Doubt(
-            f"contact.{interface.name}: the pressure at {in_words(interface.xy[zone == k].mean(axis=0), 4)} is on "
+            f"contact.{interface.name}: the pressure at {in_words(middle, 4)} is on "
             f"too few nodes to resolve it, {size[k]:.0f}: the total force is right, the largest pressure and the "
             "approach of the bodies are not; refine the mesh there",
             "zone",

@@ -156,16 +156,17 @@ def _round(interface: Interface, closed: np.ndarray, turn: np.ndarray) -> Round 
     spacing = float(np.abs(np.diff(t[pairs], axis=1)).max())
     order = cell_with(interface.geometry.facets.shape[1], len(place) - 1).order
     narrow = np.ptp(t[closed]) <= NEAR * order * spacing
-    if curvature <= 0.0 or not narrow or _has_corner(interface, around):
+    if curvature <= 0.0 or not narrow or has_corner(interface, around):
         return None
     return Round(around, x, way, curvature, spacing, size)
 
 
-def _has_corner(interface: Interface, some: np.ndarray) -> bool:
-    """Whether one of `some` rows is at a corner of the first side. Not collective."""
+def has_corner(interface: Interface, some: np.ndarray, ends: bool = False) -> bool:
+    """Whether one of `some` rows is at a corner of the first side, with `ends` also at its end. Not collective."""
     facets = interface.geometry.facets[:, : interface.dimension]
     bent = creases(interface.xy, facets, interface.normal[facets].sum(axis=1))
-    return bool(np.isin(some, bent.nodes[np.abs(bent.turn) > SHARPEST]).any())
+    marked = np.append(bent.nodes[bent.corner], bent.rim if ends else [])
+    return bool(np.isin(some, marked).any())
 
 
 def doubt_rolls(bearings: Mapping[str, Bearing], size: int) -> list[str]:

@@ -1,10 +1,12 @@
 """Bodies and partners whose frames move far: where they are, how they begin, and whether loads push them on."""
 
+import itertools
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from ddmpi.coupling.assembly import Assembly
+from ddmpi.judge.rolls import has_corner
 from ddmpi.methods.newton import Newton
 from ddmpi.run.equilibrium import describe_drift
 from ddmpi.run.passes import Group
@@ -26,7 +28,8 @@ def instability(assembly: Assembly, outer: Newton, groups: Sequence[Group]) -> l
     if not joint.K.nnz:
         return []
     compliance = outer.linearisation().yielding()
-    for group in groups:
+    blunt = _on_curves(assembly, outer, groups)
+    for group in itertools.compress(groups, ~blunt):
         at = np.flatnonzero(group.at)
         size = float(np.abs(joint.K[at][:, at]).max())
         if not size:
@@ -44,6 +47,18 @@ def instability(assembly: Assembly, outer: Newton, groups: Sequence[Group]) -> l
             way = describe_drift(assembly, drift)
             told.append(f"the equilibrium is not stable: {way}, because the loads push on")
     return told
+
+
+def _on_curves(assembly: Assembly, outer: Newton, groups: Sequence[Group]) -> np.ndarray:
+    """(groups,) bool, which have a contact on so few nodes of a curve that these do not show how it rolls: on one node a
+    round disc stands as on a corner. Collective."""
+    found = np.zeros(len(groups), bool)
+    for interface, part in assembly.space.with_slices():
+        closed = np.flatnonzero(outer.forces[part][: interface.m] > 0.0)
+        few = 0 < len(closed) < interface.dimension and not interface.law.two_sided
+        if few and not has_corner(interface, closed, ends=True):
+            found |= [group.owns(interface) for group in groups]
+    return np.any(assembly.world.allgather(found), axis=0)
 
 
 def partners_gone(assembly: Assembly) -> dict[str, RigidMotion]:

@@ -45,6 +45,7 @@ from ddmpi.system.numbers import SAME, Frame, norm
 
 log = logging.getLogger("ddmpi")
 
+TOLD = 10  # of so many passes of a step one is told
 MOST = 64  # most places on the way of a step at which a body is looked for in its partner
 
 
@@ -201,11 +202,13 @@ class FarMarch(March):
         own = [space.spread([group.owns(each) for each in space.interfaces]) for group in groups]
         norms = space.norms([x * entries for x in (moved, given) for entries in own])
         far_off, sizes = np.reshape(norms, (2, len(groups)))
-        log.debug(
-            "time %g, pass %d: frames moved contacts by %.1e m, forces by %.1e m",
+        log.log(
+            logging.DEBUG if passes.number % TOLD else logging.INFO,
+            "time %g, pass %d: bodies are moved by %.1e %s more, contact forces move them by %.1e",
             time,
             passes.number,
             norm(far_off),
+            self.assembly.scene.units["length"],
             norm(sizes),
         )
         return stopped, far_off, sizes

@@ -142,12 +142,20 @@ UNITS = {
 """Forces, moments and energies by stress and length, of whole bodies or per unit of depth."""
 
 
+def _thick(scene: dict) -> bool:
+    """Whether parts have a thickness, so that forces are those of all of it."""
+    given = [body.get("material") or () for body in scene.get("body", ())]
+    entries = [entry for one in given for entry in (one if isinstance(one, list) else [one])]
+    return any(entry and entry.get("thickness", 1.0) != 1.0 for entry in entries)
+
+
 def units(scene: dict, dimension: int) -> dict[str, str]:
-    """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth."""
+    """Labels of lengths, stresses, forces, moments and energies; in the plane the last three are per unit of depth, unless
+    parts have a thickness."""
     length = scene["output"]["length_unit"]
     stress = scene["output"]["stress_unit"]
     product = f"{stress}·{length}"
-    whole = dimension == 3 or bool(scene.get("axisymmetric"))
+    whole = dimension == 3 or bool(scene.get("axisymmetric")) or _thick(scene)
     power = f"{product}³" if whole else f"{product}·{length}"
     unnamed = (f"{product}²" if whole else product), power, power
     force, moment, energy = UNITS.get((product, whole), unnamed)

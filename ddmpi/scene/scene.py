@@ -256,7 +256,12 @@ class Settled(Table, frozen=True, kw_only=True, dict=True):
     @property
     def units(self) -> dict[str, str]:
         """`units` of the scene's quantities."""
+        materials = [{"material": msgspec.to_builtins([*body.materials])} for body in self.body]
         return units(
-            {"output": msgspec.to_builtins(self.output), "axisymmetric": self.axisymmetric},
+            {
+                "output": msgspec.to_builtins(self.output),
+                "axisymmetric": self.axisymmetric,
+                "body": materials,
+            },
             self.dimension,
         )

@@ -204,7 +204,7 @@ def place_of_largest(values: np.ndarray, places: np.ndarray) -> np.ndarray | Non
     near = ALIKE * np.abs(places).max()
     for axis in range(places.shape[1]):
         best = best[best[:, axis] <= best[:, axis].min() + near]
-    return best[0]
+    return without(best[0], ROUNDING * float(np.abs(places).max()))
 
 
 def scaled_unit(value: float, unit: str) -> tuple[float, str]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import certified
+from scenes import certified, rectangle
 from scipy.optimize import linprog
 from test_interface import blocks, interface_of
 
@@ -162,6 +162,17 @@ def test_a_shrink_fit_at_its_torque_limit_bears_all_of_its_friction():
 def test_a_bond_has_no_utilisation():
     contact = certified(turned_fit({}, "bonded")).contacts["shaft-hub"]
     assert np.isnan(contact.utilisation) and not contact.utilised.any()
+
+
+def test_friction_across_an_axis_has_no_utilisation():
+    """A disc that is squeezed slips outwards on a plate, and cannot slip along the axis."""
+    bodies = [rectangle("disc", (0, 1), (1, 1), (4, 4)), rectangle("plate", (0, 0), (2, 1), (8, 4))]
+    bodies[0]["clamp"], bodies[1]["clamp"] = [{"on": "top", "y": -1e-3}], ["bottom"]
+    contact = {"bodies": ["disc", "plate"], "on": ["bottom", "top"]}
+    contact["friction"] = {"law": "coulomb", "coefficient": 0.1}
+    answer = certified({"axisymmetric": True, "body": bodies, "contact": [contact]})
+    assert answer.summary["contacts"]["disc-plate"]["slip"]
+    assert answer.summary["contacts"]["disc-plate"]["utilisation"] is None
 
 
 def test_words():

@@ -26,6 +26,10 @@ def test_equal_values_have_one_place_in_any_order():
 def test_no_value_has_no_place():
     """Zeros, values that are not finite, and no values at all; a tension everywhere has the least one."""
     assert place_of_largest(np.zeros(2), np.eye(2)) is None
+    assert place_of_largest(np.ones(2), np.array([[-1e-15, 0.0], [5.0, 5.0]])).tolist() == [
+        0.0,
+        0.0,
+    ]
     assert place_of_largest(np.full(2, np.nan), np.eye(2)) is None
     assert place_of_largest(np.empty(0), np.empty((0, 2))) is None
     assert place_of_largest(np.array([-2.0, -1.0]), np.eye(2)).tolist() == [0.0, 1.0]

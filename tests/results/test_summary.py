@@ -111,6 +111,17 @@ def test_results_carry_their_units(length, stress, force, moment, energy):
     }
 
 
+@pytest.mark.parametrize("several", [False, True])
+def test_forces_of_parts_with_a_thickness_are_those_of_all_of_it(several):
+    material = {"young": 2e5, "poisson": 0.3, "plane": "stress", "thickness": 6.0}
+    body = {"material": [material, {}] if several else material}
+    scene = {"output": {"length_unit": "mm", "stress_unit": "MPa"}, "body": [body]}
+    assert units(scene, 2)["force"] == "N"
+    assert (
+        units(scene | {"body": [{"material": material | {"thickness": 1.0}}]}, 2)["force"] == "N/mm"
+    )
+
+
 def test_sums_are_those_of_all_bodies_and_contacts():
     """n, m, n_A and the largest displacement belong to the whole scene."""
     summary = summary_of(row(), n=1000, displacement_max=0.5, n_A_by_purpose={"newton": 7})

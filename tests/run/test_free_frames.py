@@ -642,6 +642,25 @@ def test_an_unstable_equilibrium_is_told_of(x, y, outer):
     assert bool(told) != outer
 
 
+def test_a_coarse_disc_on_a_plane_is_not_pushed_on(monkeypatch, caplog):
+    """On one node of 24 it stands as on a corner, which does not show how it rolls; and passes are told."""
+    monkeypatch.setattr("ddmpi.run.places.TOLD", 2)
+    load = {"force": [0.0, -WEIGHT], "history": "load"}
+    frame = {"free": ["x", "y", "turn"], "pivot": [0.0, 1.0], **load}
+    made = {
+        "body": [ring("disc", (0.0, 1.0), (0.2, 1.0), (24, 2), clamp=["inner"], motion=[frame])],
+        "rigid": [FLOOR],
+        "contact": [{"bodies": ["disc", "floor"], "on": ["outer"], "friction": COULOMB}],
+        "history": {"load": history(0.0, 1.0)},
+        "time": {"motions": "far", "points": [1.0], "steps": 1},
+    }
+    with caplog.at_level(logging.INFO, "ddmpi"):
+        warnings = certified(made).summary["warnings"]
+    assert any("only 1 closed node" in words for words in warnings)
+    assert not [words for words in warnings if "not stable" in words]
+    assert "time 1, pass 2: bodies are moved by " in caplog.text and "pass 1:" not in caplog.text
+
+
 @pytest.mark.parametrize("friction", [None, COULOMB])
 @pytest.mark.parametrize("size", [(1.0, 0.4), (0.1, 4.0)])
 def test_a_block_on_a_plane_is_stable(size, friction):
