@@ -38,6 +38,10 @@ RESULTANTS = (
 """The entries of `ContactTotals` that are written at every load step."""
 
 
+RESOLVED = 1e-10
+"""Resultants of a contact below this fraction of the sum of its nodes' forces are rounding, and zero."""
+
+
 class ContactTotals(NamedTuple):
     """Resultants and extremes of a contact, which ranks send each other; they do not grow with the number of nodes.
 
@@ -298,16 +302,19 @@ class ContactState:
         """Resultants and extremes of the contact."""
         interface, tangential = self.interface, self.tangential_force
         partner, normal = interface.partner, np.abs(self.normal_force)
+        acting = float(np.abs(self.forces).sum())
+        arm, least = float(np.abs(interface.places).max(initial=0.0)), RESOLVED * acting
+        pressed = float(without(self.normal_force.sum(), least))
         total = (
             tangential.sum()
             if interface.dimension == 2
             else np.linalg.norm(self.along(tangential).sum(axis=0))
         )
         return ContactTotals(
-            self.force,
-            self.moment,
-            float(self.normal_force.sum()),
-            float(total),
+            without(self.force, least),
+            without(self.moment, least * arm),
+            pressed,
+            float(without(total, least)),
             self.count("open"),
             self.count("slip"),
             self.count("stick"),
@@ -320,10 +327,10 @@ class ContactState:
             partner.motion if interface.on_rigid else None,
             float(self.pressure.max(initial=-np.inf if interface.m else 0.0)),
             place_of_largest(self.pressure[interface.lines.row], interface.lines.acting),
-            float(self.normal_force.sum() / (_areas(interface).sum() or np.nan)),
+            float(pressed / (_areas(interface).sum() or np.nan)),
             float(normal.max(initial=0.0)),
             float(normal.sum()),
-            float(np.abs(self.forces).sum()),
+            acting,
             float(self.between.min(initial=self.gap.min(initial=np.inf))),
             float(np.abs(interface.opening - self.gap).max(initial=0.0)),
             float(interface.area[self.status != "open"].sum()),

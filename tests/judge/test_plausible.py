@@ -232,6 +232,21 @@ def test_parts_that_grow_together_are_certified_without_stress():
         assert body["von_mises_max"] == body["energy"] == 0.0
 
 
+def test_resultants_of_a_bond_in_balance_are_zero():
+    """Of a strip of two metals that bends as it gets warm: its bond bears stresses, and no force along any axis."""
+    bodies = []
+    for name, y, expansion in (("steel", 0.0, 1.2e-5), ("brass", 0.2, 1.9e-5)):
+        body = block(name, 0.0, y, (2, 0.2), [], divisions=(20, 2))
+        body["material"] |= {"expansion": expansion}
+        bodies.append(body | {"temperature": 100.0})
+    bodies[0]["clamp"] = [{"on": "left", "x": 0.0}, {"on": "left & bottom", "y": 0.0}]
+    bond = {"bodies": ["brass", "steel"], "on": ["bottom", "top"], "kind": "bonded"}
+    found = ddmpi.solve({"body": bodies, "contact": [bond]}, MPI.COMM_SELF).summary["contacts"]
+    bond = found["brass-steel"]
+    assert bond["force"] == [0.0, 0.0] and bond["pressure_max"] > 1e6
+    assert bond["moment"] == bond["normal_force"] == bond["tangential_force"] == 0.0
+
+
 def test_reactions_of_rounding_are_zero():
     """Of a plate that heat lets grow; of a weight 1e-9 times as large as what its supports bear they are not."""
     plate = block("plate", 0.0, 0.0, (1, 1), [{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}])
