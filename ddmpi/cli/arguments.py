@@ -107,7 +107,7 @@ def _add_solving(command: Callable[..., _Parser]) -> None:
         metavar="KEY=VALUE",
         help="override any key of the scene, as in body.upper.material.young=1e9",
     )
-    scene.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    scene.add_argument("--quiet", action="store_true", help="print nothing but errors and warnings")
     scene.add_argument(
         "--log",
         type=_named,

@@ -314,7 +314,7 @@ class ContactState:
             without(self.force, least),
             without(self.moment, least * arm),
             pressed,
-            float(without(total, least)),
+            float(without(np.asarray(total), least)),
             self.count("open"),
             self.count("slip"),
             self.count("stick"),
