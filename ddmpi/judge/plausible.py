@@ -6,13 +6,15 @@ import numpy as np
 import scipy.sparse as sparse
 from mpi4py import MPI
 from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
 
 from ddmpi.body.elasticity import apply
 from ddmpi.body.estimate import DiscretizationError
 from ddmpi.body.rigid_motions import rigid_motions
 from ddmpi.coupling.assembly import Assembly, Body
+from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import Answered, ContactState, ContactTotals
-from ddmpi.judge.edges import Singular, boundary_of, ends_of_clamps, known_finite
+from ddmpi.judge.edges import FLUSH, Singular, boundary_of, ends_of_clamps, known_finite
 from ddmpi.judge.overlap import RESOLVED, doubt_overlaps
 from ddmpi.judge.rolls import Bearing, bearing, doubt_rolls, mean_turn
 from ddmpi.mesh.boundary import creases
@@ -218,8 +220,8 @@ def _of_contacts(
         if not passing and np.abs(state.normal_force).max(initial=0.0) >= LIMIT["idle"] * pressed:
             # a finer mesh resolves no rounding
             rounding = [*_lost_in_rounding(state, largest, assembly.scene.units)]
-            few = _few_nodes if assembly.frames else _unresolved_zone
-            warnings += rounding or few(state)
+            few = _few_nodes(state) if assembly.frames else _unresolved_zone(here, state)
+            warnings += rounding or few
             if not rounding:
                 resolved.add(name)
         if warnings:
@@ -677,7 +679,20 @@ def _overlap_between(assembly: Assembly, state: ContactState, moved: float) -> I
     )
 
 
-def _unresolved_zone(state: ContactState) -> Iterator[str]:
+def _on_mirrors(assembly: Assembly, interface: Interface) -> np.ndarray:
+    """(m,) bool, rows where clamps hold the first body across the normal alone, as at a plane of symmetry."""
+    body = next(each for each in assembly.bodies if each.spec.name == interface.bodies[0])
+    across, blocked = np.zeros((2, interface.m), bool)
+    for _, nodes, direction in body.member.elasticity.supports.constrained:
+        apart, at = cKDTree(body.mesh.points[nodes]).query(interface.xy)
+        here = apart <= FLUSH * interface.spacing + np.abs(interface.opening)
+        level = np.abs((interface.normal * direction[at]).sum(axis=1)) <= SAME
+        across |= here & level
+        blocked |= here & ~level
+    return across & ~blocked
+
+
+def _unresolved_zone(assembly: Assembly, state: ContactState) -> Iterator[str]:
     """A warning where a contact zone between boundaries that curve apart has too few nodes to resolve its pressure.
 
     Not at corners and ends of a boundary, where no mesh resolves it, nor between flat boundaries: there, few closed
@@ -698,7 +713,8 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
         zone[inner[apart]], minlength=number
     )  # where it ends because the boundaries curve apart
     axis = interface.axisymmetric & (interface.xy[:, 0] < 0.75 * interface.spacing)
-    twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond the axis
+    axis = axis | _on_mirrors(assembly, interface)
+    twice = 1 + (np.bincount(zone[axis], minlength=number) > 0)  # a zone goes on beyond it
     enclosed = (twice * curving >= 2) & (curving == np.bincount(zone[inner], minlength=number))
     size, force = (
         np.bincount(zone, closed, number) * twice,
@@ -720,7 +736,7 @@ def _unresolved_zone(state: ContactState) -> Iterator[str]:
         middle = without(interface.xy[zone == k].mean(axis=0), least)
         yield Doubt(
             f"contact.{interface.name}: the pressure at {in_words(middle, 4)} is on "
-            f"too few nodes to resolve it, {size[k]:.0f}: the total force is right, the largest pressure and the "
+            f"too few nodes to resolve it, {size[k] / twice[k]:.0f}: the total force is right, the largest pressure and the "
             "approach of the bodies are not; refine the mesh there",
             "zone",
             force[k],

@@ -231,7 +231,8 @@ def held_in_words(summary: Mapping[str, Any]) -> list[str]:
                 f". The loads leave {load:.3g} {unit} along it, of {bound:.3g} that errors of normals may bear"
             )
         )
-        lines.append(f"{held['motion']}; held where it was{left}")
+        where = "they were" if _of_several(held["motion"]) else "it was"
+        lines.append(f"{held['motion']}; held where {where}{left}")
     return lines
 
 
@@ -239,8 +240,21 @@ def loose_in_words(summary: Mapping[str, Any]) -> list[str]:
     """What is said of each of the motions that nothing determines: Newton's method takes the least, see
     `ddmpi.run.least`."""
     least = summary["outer"] == "newton" and summary["converged"]
-    where = "it lies where it moves least" if least else "how far it has moved is not determined"
-    return [f"{motion}; {where}" for motion in summary.get("undetermined", ())]
+    words = {
+        (True, False): "it lies where it moves least",
+        (True, True): "they lie where they move least",
+        (False, False): "how far it has moved is not determined",
+        (False, True): "how far they have moved is not determined",
+    }
+    return [
+        f"{motion}; {words[least, _of_several(motion)]}"
+        for motion in summary.get("undetermined", ())
+    ]
+
+
+def _of_several(motion: str) -> bool:
+    """Whether a motion in words, as of `describe`, is one of several bodies."""
+    return " and " in motion.split(" can ")[0]
 
 
 def count(contacts: Iterable[Mapping[str, Any]]) -> str:

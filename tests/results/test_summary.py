@@ -330,6 +330,8 @@ def test_where_a_body_lies_that_nothing_holds(outer, converged, where):
     """Newton's method moves it least, the paper's does not choose."""
     summary = {"outer": outer, "converged": converged, "undetermined": ["lid can move along y"]}
     assert loose_in_words(summary) == [f"lid can move along y; {where}"]
+    (several,) = loose_in_words(summary | {"undetermined": ["lid and nut can move along y"]})
+    assert "they" in several
 
 
 @pytest.mark.parametrize("load", [2e-3, 1e-12])
@@ -340,3 +342,6 @@ def test_what_loads_leave_along_a_held_motion_is_told(load):
     (said,) = held_in_words(summary)
     left = ". The loads leave 0.002 N m/m along it, of 0.5 that errors of normals may bear"
     assert said == f"{held['motion']}; held where it was{left * (load > 1e-9)}"
+    both = held | {"motion": "ring and peg can move along x without any force"}
+    (said,) = held_in_words(summary | {"held_motions": [both]})
+    assert said.startswith(f"{both['motion']}; held where they were")

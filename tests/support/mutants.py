@@ -2927,8 +2927,8 @@ MUTANTS = [
         (
             "the mean pressure of the closed nodes",
             "interface/state",
-            "float(self.normal_force.sum() / (_areas(interface).sum() or np.nan))",
-            "float(self.normal_force.mean() / (_areas(interface).sum() or np.nan))",
+            "float(pressed / (_areas(interface).sum() or np.nan))",
+            "float(pressed / interface.m / (_areas(interface).sum() or np.nan))",
             f"{PRODUCTS}[coulombs friction that slips-axis-1-steps]",
         ),
         (
@@ -5133,7 +5133,7 @@ MUTANTS = [
         (
             "a side between corners is flat",
             "judge/rolls",
-            "or _has_corner(interface, around)",
+            "or has_corner(interface, around)",
             "",
             f"{ROLLS}::test_a_flat_side_is_no_round_one",
         ),
@@ -5488,6 +5488,13 @@ MUTANTS = [
             "after = turn + by",
             "after = by",
             f"{FREE}::test_a_loose_disc_rolls_in_a_bore_that_turns",
+        ),
+        (
+            "a coarse disc on one node is not stable",
+            "run/frames",
+            "itertools.compress(groups, ~blunt)",
+            "groups",
+            f"{FREE}::test_a_coarse_disc_on_a_plane_is_not_pushed_on",
         ),
         (
             "nobody is told of what is not stable",
