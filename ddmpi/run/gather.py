@@ -529,7 +529,7 @@ def _write_tables(path: Path, solved: Solved) -> None:
     write_steps(path, steps.steps)
     if scene.time:
         write_energies(path, steps.energies, steps.steps)
-    if places := steps.places:
+    if (places := steps.places) and steps.steps:
         times = [step["time"] for step in steps.steps]
         write_frames(path, [(time, places[time].frames) for time in times])
     if solved.solution.mechanism:

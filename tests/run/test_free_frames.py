@@ -14,6 +14,7 @@ import ddmpi
 from ddmpi.body.rigid_motions import FreeFrame
 from ddmpi.coupling.coarse import Driven
 from ddmpi.run import steps
+from ddmpi.run.gather import _write_tables
 from ddmpi.run.passes import Group
 from ddmpi.run.places import FarMarch
 from ddmpi.scene.motions import Motion
@@ -640,6 +641,15 @@ def test_an_unstable_equilibrium_is_told_of(x, y, outer):
         if "the equilibrium is not stable: disc" in words
     ]
     assert bool(told) != outer
+
+
+def test_no_table_of_frames_where_no_step_ended(tmp_path):
+    """As where a leg in one step has an equilibrium, and its halves, which replace it, have none."""
+    steps = SimpleNamespace(iterations=[], steps=[], places={1.0: SimpleNamespace(frames={})})
+    scene = SimpleNamespace(method=SimpleNamespace(target=None), time=None)
+    solution = SimpleNamespace(mechanism=None)
+    _write_tables(tmp_path, SimpleNamespace(scene=scene, steps=steps, solution=solution))
+    assert {path.name for path in tmp_path.iterdir()} == {"history.csv", "steps.csv"}
 
 
 def test_a_coarse_disc_on_a_plane_is_not_pushed_on(monkeypatch, caplog):
