@@ -19,7 +19,7 @@ import numpy as np
 from ddmpi.body.rigid_motions import rigid_motions
 from ddmpi.interface.interface import Interface
 from ddmpi.interface.state import ContactState
-from ddmpi.mesh.boundary import SHARPEST, creases
+from ddmpi.mesh.boundary import creases
 from ddmpi.mesh.elements import cell_with
 from ddmpi.scene.contacts import both_sides
 from ddmpi.sets import magnitude

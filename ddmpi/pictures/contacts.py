@@ -293,7 +293,9 @@ def _maps(results: Results, name: str, gaps: bool) -> list[tuple[str, str, str, 
         maps.append(("normal stress" if tension else "pressure", "pressure", "stress", "YlOrRd"))
     maps.append(None)
     if np.any(surface["friction"]):
-        maps.append(("friction", "friction", "stress", "Blues"))
+        kinds = {contact["name"]: contact.get("kind") for contact in results.scene["contact"]}
+        what = "tangential stress" if kinds[name] == "bonded" else "friction"
+        maps.append((what, "friction", "stress", "Blues"))
         if np.any(surface.get("utilisation", 0.0)):  # none in earlier results
             maps.append(("friction / bound", "utilisation", "%", "Purples"))
     if gaps:

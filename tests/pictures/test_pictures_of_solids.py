@@ -326,6 +326,9 @@ def test_a_contact_has_maps_of_what_may_vary_there(tmp_path, still):
     surface["pressure"][0] = -surface["pressure"].max()
     labels = [axes.get_ylabel() for axes in draw_maps(results, "upper-lower").axes[3:]]
     assert labels == ["normal stress (MPa)", "friction (MPa)"]
+    results.scene["contact"][0]["kind"] = "bonded"
+    labels = [axes.get_ylabel() for axes in draw_maps(results, "upper-lower").axes[3:]]
+    assert labels == ["normal stress (MPa)", "tangential stress (MPa)"]
 
 
 @pytest.mark.parametrize(
