@@ -4,7 +4,7 @@ import re
 from collections import defaultdict, deque
 from collections.abc import Callable, Iterable, Sequence
 from itertools import chain, product
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -38,8 +38,6 @@ from ddmpi.decks.cards import (
 )
 from ddmpi.decks.deck import STRIDE, Deck, nodes_of_faces
 from ddmpi.errors import InputError
-
-T = TypeVar("T")
 
 TAKEN = {
     "ELASTIC": "elastic constants",
@@ -668,7 +666,7 @@ class Model:
                 self._add("pressures", (element, face, way), card, values[0])
             self.notes.taken(card, words)
 
-    def _once(self, card: Card, members: list[T]) -> list[T]:
+    def _once(self, card: Card, members: list[Any]) -> list[Any]:
         """Each of the members of a set or surface that a load is on, which may have some of them several times."""
         once = [*dict.fromkeys(members)]
         if len(once) < len(members):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 from pathlib import Path
@@ -18,7 +17,6 @@ from scipy.sparse import csgraph
 from ddmpi.decks.cards import (
     EXACT,
     KEPT,
-    SIDES,
     Block,
     Card,
     End,
@@ -204,32 +202,16 @@ class Piece:
         """The name of a set of these nodes (places); a new one, like `name`, if there is none yet."""
         return _kept(self.sets, np.unique(nodes), name, self.taken)
 
-    @cached_property
-    def _sides(self) -> np.ndarray:
-        """(s, 3) places in `nodes` of the ends and the middle of the sides of quadratic elements."""
-        found = [np.empty((0, 3), int)]
-        for block in self.blocks:
-            number = corners(block.kind)
-            sides = SIDES[shape(block.kind)] if block.entries.shape[1] > 1 + number else []
-            places = [(1 + a, 1 + b, 1 + number + k) for k, (a, b) in enumerate(sides)]
-            found += [block.entries[:, place] for place in places]
-        return np.searchsorted(self.nodes, np.unique(np.concatenate(found), axis=0))
-
     def parted(self, nodes: np.ndarray) -> list[np.ndarray]:
-        """These nodes (k,), ascending, in sets: a mesh adds the middle of a side to a set that has both of its ends."""
-        held = np.isin(self._sides, nodes)
-        near = defaultdict[int, list[int]](list)
-        for a, b in self._sides[held[:, 0] & held[:, 1] & ~held[:, 2], :2].tolist():
-            near[a].append(b)
-            near[b].append(a)
-        if not near:
-            return [nodes]
-        of: dict[int, int] = {}
-        for node in nodes.tolist():
-            others = {of.get(other) for other in near[node]}
-            of[node] = next(k for k in itertools.count() if k not in others)
-        number = np.array([*of.values()])
-        return [nodes[number == k] for k in np.unique(number)]
+        """These nodes (k,) in sets: as a mesh adds the middle of a side to a set that has both of its ends, those whose
+        middle is not among them are each in one of its own."""
+        marked = np.append(np.isin(np.arange(len(self.nodes)), nodes), True)
+        first, middles = np.hsplit(self.facets, 2)
+        second = np.roll(first, -1, axis=1)
+        second = np.where(second < 0, first[:, :1], second)
+        lone = marked[first] & marked[second] & ~marked[middles]
+        alone = np.union1d(first[lone], second[lone])
+        return [some for some in (np.setdiff1d(nodes, alone), *alone[:, None]) if len(some)]
 
     def patches(
         self, loaded: np.ndarray, held: Sequence[int] = ()
