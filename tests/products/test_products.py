@@ -1,5 +1,6 @@
 """Every feature in every kind of scene: what the program promises of them, by statics, closed forms and Hooke's law."""
 
+import functools
 import gc
 import json
 from dataclasses import replace
@@ -39,6 +40,7 @@ def combinations() -> list:
     return found
 
 
+@functools.cache
 def said_otherwise() -> list:
     """The scenes with an answer, of each feature one in the quick suite."""
     found = []

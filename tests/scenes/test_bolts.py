@@ -81,7 +81,6 @@ def test_the_last_time_ends_the_force():
     assert offsets[1] < 0.95 * offsets[0] and offsets[1] == offsets[2] == offsets[3]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("path", [paths.Softening, seldom(paths.InteriorPoints)])
 def test_all_ways_to_the_answer_keep_the_offset(path, monkeypatch):
     """The paths of Newton's method, which begin without forces, end with the same forces and offsets."""
