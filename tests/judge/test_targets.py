@@ -188,7 +188,7 @@ def test_targets_on_two_ranks():
 
 
 @pytest.mark.slow
-@pytest.mark.mpi(ranks=[2, 3])
+@pytest.mark.mpi(ranks=3)
 def test_targets_of_drawings_on_several_ranks():
     """The meshes are those of one rank, but for rounding, from which gmsh makes other ones."""
     world, scene = MPI.COMM_WORLD, aiming(dict.fromkeys(PIN, 5e-3), pin_in_lug())

@@ -219,9 +219,9 @@ def test_a_prepared_scene_has_the_same_answer(name, kind):
 @pytest.mark.slow
 @pytest.mark.mpi(ranks=[2, 3])
 def test_a_feature_on_several_ranks(comm, mpi_ranks):
-    """Every feature, on as many ranks as bodies and on more, has the answer that is told; each rank has its bodies, of
-    simplices, bricks or both."""
-    for name, kind in by_turns(mpi_ranks):
+    """Every feature, on two ranks or on three, as many as bodies or more, has the answer that is told; each rank has its
+    bodies, of simplices, bricks or both."""
+    for name, kind in by_turns(mpi_ranks)[mpi_ranks % 2 :: 2]:
         case = in_bricks(FEATURES[name](kind), (mpi_ranks + len(name)) % 3)
         answer = certified(case.scene, comm)
         bodies = set(comm.allreduce(list(answer.bodies)))

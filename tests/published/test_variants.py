@@ -47,6 +47,12 @@ ITERATIONS = {
 }
 
 
+EVERY = [*itertools.product(ALGORITHMS, SPLITTINGS)]
+
+HALVES = {"tresca": EVERY[:4:2] + EVERY[5::2], "coulomb": EVERY[1:4:2] + EVERY[4::2]}
+"""Half of the variants with each law, so that either has all splittings and both algorithms."""
+
+
 def run(assembly, algorithm: str, splitting: str, **changes):
     from ddmpi.run.solve import solve
     from ddmpi.scene.method import Method
@@ -61,10 +67,10 @@ def run(assembly, algorithm: str, splitting: str, **changes):
 
 @pytest.mark.mpi(ranks=[1, 2])
 def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
-    for law in ("tresca", "coulomb"):
+    for law, half in HALVES.items():
         assembly = prepare_scene(comm, pinched_blocks(3, law))
         reference = exact_forces(assembly)
-        for kind in itertools.product(ALGORITHMS, SPLITTINGS):
+        for kind in half:
             answer = run(assembly, *kind, tolerance=1e-10)
             outer = answer.outer
             assert answer.certified, (law, kind, answer.reason)
@@ -92,9 +98,9 @@ def test_one_rank_with_both_bodies_has_the_answer_of_two_ranks(comm, outer):
 
 @pytest.mark.mpi(ranks=2)
 def test_outer_iterations_do_not_depend_on_the_mesh(comm):
-    for law in ("tresca", "coulomb"):
+    for law, half in HALVES.items():
         assemblies = [prepare_scene(comm, pinched_blocks(N, law)) for N in (6, 22)]
-        for kind in itertools.product(ALGORITHMS, SPLITTINGS):
+        for kind in half:
             answers = [
                 run(assembly, *kind, tolerance=1e-4, inner_precision=1e-3)
                 for assembly in assemblies
@@ -139,14 +145,13 @@ def test_unsplit_original_fails_at_a_large_theta_and_says_so(comm):
 
 @pytest.mark.mpi(ranks=2)
 def test_every_variant_in_space_finds_newtons_answer(comm):
-    """By QPs on discs; half of the variants with each law, so that either has all splittings and both algorithms."""
+    """By QPs on discs."""
     from ddmpi.run.solve import solve
     from ddmpi.scene.method import Method
 
-    every = list(itertools.product(ALGORITHMS, SPLITTINGS))
     for law, half in (
-        ({"law": "tresca", "slip_bound": 1.2e7}, every[:4:2] + every[5::2]),
-        ({"law": "coulomb", "coefficient": 0.3}, every[1:4:2] + every[4::2]),
+        ({"law": "tresca", "slip_bound": 1.2e7}, HALVES["tresca"]),
+        ({"law": "coulomb", "coefficient": 0.3}, HALVES["coulomb"]),
     ):
         assembly = prepare_scene(comm, two_boxes(2, law=law))
         newton = solve(assembly, Method(outer="newton", tolerance=1e-10))

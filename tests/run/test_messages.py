@@ -33,15 +33,12 @@ def test_what_ranks_other_than_the_first_get_does_not_grow_with_the_bodies(comm,
 
 
 @pytest.mark.mpi(ranks=4)
-@pytest.mark.parametrize("load", ["at once", "in steps"])
-def test_what_the_first_rank_gets_does_not_grow_with_the_nodes(comm, monkeypatch, load):
+def test_what_the_first_rank_gets_does_not_grow_with_the_nodes(comm, monkeypatch):
     """It judges, says and writes of contacts as a whole; states at their nodes stay with the ranks that own them."""
     monkeypatch.setenv(LOCKSTEP, counted.__file__)
     got = []
     for n in (3, 12):
-        scene = scenes.tower(4, n) | (
-            {"time": {"points": [1.0, 2.0]}} if load == "in steps" else {}
-        )
+        scene = scenes.tower(4, n) | {"time": {"points": [1.0, 2.0]}}
         before = counted.counts()[counted.FIRST][1]
         assert ddmpi.solve(scene, comm).certified
         got.append(counted.counts()[counted.FIRST][1] - before)

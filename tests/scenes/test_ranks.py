@@ -5,7 +5,6 @@ import pytest
 import test_cycles
 import test_lean_steps
 import test_load_steps
-import test_loads_and_supports
 import test_pushed_partners
 from elsewhere import HERE, Found, assert_same, found
 from scenes import COULOMB, rectangle
@@ -88,7 +87,6 @@ MADE = {
         3,
         lambda: EXACT | test_lean_steps.stepped(test_lean_steps.loose(), "legs", steps=3),
     ),
-    "planes in space": (2, lambda: test_loads_and_supports.wedge(3, 33.0, 1, "nodes")),
 }
 """How many ranks, and the scene."""
 
