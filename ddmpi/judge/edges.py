@@ -88,7 +88,9 @@ def within(mesh: Mesh, facets: np.ndarray, groups: Sequence[np.ndarray]) -> np.n
     parts = [group[:, mesh.cell.facet.parts].reshape(-1, d) for group in groups]
     both = np.sort(np.concatenate([facets, *parts]), axis=1)
     number = np.unique(both, axis=0, return_inverse=True)[1].ravel()
-    return np.isin(number[: len(facets)], number[len(facets) :])
+    grouped = np.zeros(len(number), bool)
+    grouped[number[len(facets) :]] = True
+    return grouped[number[: len(facets)]]
 
 
 def ends_of(

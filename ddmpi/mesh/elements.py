@@ -596,7 +596,8 @@ def normals(facets: np.ndarray) -> np.ndarray:
 
 def curved_facets(facets: np.ndarray) -> np.ndarray:
     """Which (s,) facets with nodes (s, l, D) are curved."""
-    return facet_cell(facets).bends(facets).any(axis=(1, 2))
+    cell = facet_cell(facets)
+    return np.zeros(len(facets), bool) if cell.linear else cell.bends(facets).any(axis=(1, 2))
 
 
 def circumference(places: np.ndarray, axisymmetric: bool) -> np.ndarray | float:

@@ -121,6 +121,8 @@ class Linearised(Tangent):
     @cached_property
     def expansion(self) -> sparse.csr_matrix:
         """E (size, k)."""
+        if not self.coupling.any():
+            return self.basis
         size = len(self.unknown)
         follow = sparse.csr_matrix((self.coupling, self.source, np.arange(size + 1)), (size, size))
         return (self.basis + follow @ self.basis).tocsr()

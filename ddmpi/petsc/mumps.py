@@ -175,7 +175,7 @@ class Factors:
         """A⁻¹ f (n,), both on the first rank; None elsewhere. There also of several loads (k, n)."""
         # the end of each is ignored
         loads = np.zeros((1, 0)) if f is None else np.atleast_2d(f)
-        work = np.pad(loads, ((0, 0), (0, self._size if loads.size else 0)))
+        work = np.hstack([loads, np.zeros((len(loads), self._size if loads.size else 0))])
         self._data.nrhs, self._data.lrhs = work.shape
         self._data.rhs = work.ctypes.data
         self._do(3)

@@ -184,16 +184,10 @@ class Material(Table, frozen=True, kw_only=True):
     def _along_axes(self, matrix: np.ndarray) -> np.ndarray:
         """The tensor (3, 3, 3, 3) along x, y, z of components (6, 6) along the axes of the material."""
         number = np.array([[0, 3, 4], [3, 1, 5], [4, 5, 2]])
-        R = self.rotation
-        return np.einsum(
-            "ia,jb,kc,ld,abcd->ijkl",
-            R,
-            R,
-            R,
-            R,
-            matrix[number[:, :, None, None], number],
-            optimize=True,
-        )
+        tensor = matrix[number[:, :, None, None], number]
+        for _ in range(4):  # each time the first index, which becomes the last one
+            tensor = np.tensordot(tensor, self.rotation, (0, 1))
+        return tensor
 
     @property
     def rotation(self) -> np.ndarray:

@@ -111,7 +111,9 @@ class Side:
 
     def among(self, numbers: np.ndarray) -> np.ndarray:
         """(f,) bool, which facets are among these `numbers`."""
-        return np.isin(np.arange(len(self.facets)), numbers)
+        among = np.zeros(len(self.facets), bool)
+        among[numbers] = True
+        return among
 
     def shifted(self, shift: np.ndarray, body: str) -> Side:
         """The side of a body of this name that is elsewhere, by a shift (d,) in metres."""

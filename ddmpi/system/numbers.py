@@ -66,7 +66,10 @@ def crossed(turning: np.ndarray, at: np.ndarray) -> np.ndarray:
     """ω × x (k, d) of rotations ω (k, 1 or 3) and places x (k, d)."""
     if at.shape[1] == 2:
         return turning * at[:, ::-1] * [-1.0, 1.0] + 0.0
-    return np.cross(np.pad(turning, ((0, 0), (3 - turning.shape[1], 0))), at)
+    if turning.shape[1] == 1:  # about z
+        turning = turning * [0.0, 0.0, 1.0]
+    one, other = [1, 2, 0], [2, 0, 1]
+    return turning[:, one] * at[:, other] - turning[:, other] * at[:, one]
 
 
 class RigidMotion(NamedTuple):
