@@ -22,6 +22,9 @@ SHARPEST = np.deg2rad(40.0)
 COARSEST = np.deg2rad(55.0)
 """Up to this turn successive facets may be those of a coarse curve, such as a circle of seven chords; see `curving`."""
 
+ONWARD = 0.45
+"""Least part of its turn by which a curve turns on: half of it at an end of an arc, nearly so where chords are uneven."""
+
 SAMPLES = 65
 """Points on a curve of a drawing by which its radius is found."""
 
@@ -168,7 +171,7 @@ def creases(points: np.ndarray, facets: np.ndarray, outward: np.ndarray) -> Crea
 
 def curving(points: np.ndarray, bends: Creases, turn: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """(c,) bool, at which creases sharper than SHARPEST the boundary may be a coarse curve: beyond both facets it turns on,
-    the same way and by at least half as much, or to an end above COARSEST.
+    the same way and by at least ONWARD of its turn, or to an end above COARSEST.
 
     Parameters
     ----------
@@ -194,7 +197,7 @@ def curving(points: np.ndarray, bends: Creases, turn: np.ndarray, facets: np.nda
         along = np.where(length[i], np.abs((way[i] * way[j]).sum(axis=1)), 1.0)  # nodes have no way
         on = np.where(np.abs(bends.turn[j]) > COARSEST, np.pi, bends.turn[j] * np.sign(turn[i]))
         np.add.at(total, k, np.where((i != j) & (own | ~met), along * on, 0.0))
-    found[sharp] = (onward >= 0.5 * np.abs(turn[sharp])).all(axis=0)
+    found[sharp] = (onward >= ONWARD * np.abs(turn[sharp])).all(axis=0)
     return found
 
 

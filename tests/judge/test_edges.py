@@ -20,7 +20,7 @@ from ddmpi.judge.edges import (
     unbounded,
 )
 from ddmpi.judge.plausible import _in_thin_cell, _singular
-from ddmpi.mesh.boundary import creases
+from ddmpi.mesh.boundary import SHARPEST, creases
 from ddmpi.mesh.elements import normals
 from ddmpi.mesh.mesh import Mesh, boundary_facets
 
@@ -373,6 +373,21 @@ def test_coarse_curves_have_no_corners(number, cells, corners, hollow):
         found = bends.corner
         assert found.sum() == corners * (points.shape[1] - 1)
         assert (np.sign(bends.turn[found]) == (-1.0 if hollow else 1.0)).all()
+
+
+@pytest.mark.parametrize("middle", [0.5, 0.48])
+def test_fillets_of_two_chords_have_no_corner(middle):
+    """Their ends turn half as much as their middle, but for rounding, whichever way they lie."""
+    arc = np.exp(0.5j * np.pi * np.array([0.0, middle, 1.0]))
+    one = np.concatenate([[4.0 - 2.0j, 4.0 - 1.0j], 3.0 + arc, [1.0 + 1.0j, 1.0 - 2.0j]])
+    i = np.arange(len(one))
+    sides = np.column_stack([i, np.roll(i, -1)])
+    for turn in range(13):
+        at = one * np.exp(0.5j * turn)
+        points = np.column_stack([at.real, at.imag])
+        bends = creases(points, sides, normals(points[sides]))
+        assert (np.abs(bends.turn) > SHARPEST).sum() == 4
+        assert bends.corner.sum() == 3
 
 
 def ring(name: str, radii: list[float], chords: int, end: float = 360.0, **keys) -> dict:

@@ -5070,8 +5070,8 @@ MUTANTS = [
         (
             "a chamfer beside a flat side is a curve",
             "mesh/boundary",
-            "(onward >= 0.5 * np.abs(turn[sharp])).all(axis=0)",
-            "(onward >= 0.5 * np.abs(turn[sharp])).any(axis=0)",
+            "(onward >= ONWARD * np.abs(turn[sharp])).all(axis=0)",
+            "(onward >= ONWARD * np.abs(turn[sharp])).any(axis=0)",
             "judge/test_edges.py::test_coarse_curves_have_no_corners",
         ),
         (
