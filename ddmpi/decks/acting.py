@@ -1,7 +1,7 @@
 """Clamps, loads and temperatures of the bodies of a deck, and the histories that they follow."""
 
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -286,10 +286,11 @@ class Acts:
         }
 
     def _forces(self, piece: Piece) -> list[Entries]:
-        """Nodal forces as tractions with the same resultant and the same first moments."""
+        """Nodal forces as tractions with the same resultant and the same first moments; the parts of them that supports
+        take are on whole facets beside others alone."""
+        # by node its force, and the part of it that no support takes, (2, d)
         by_history: dict[History, dict[int, np.ndarray]] = defaultdict(dict)
         cards: dict[int, Card] = {}
-        free = set[int]()  # nodes with forces that no support takes
         for (node, component), acting in self.kinds["forces"].items():
             if self.home.get(node) is not piece or node in self.rigid_nodes:
                 continue
@@ -299,16 +300,14 @@ class Acts:
                 way = self._flat(acting.card, self.way(node, component))
                 if not self.way(node, component).any():
                     self.notes.lost(acting.card, NO_WAY)
-                if (node, component) not in self.kinds["supports"]:
-                    free.add(k)
-                by_history[history][k] = (
-                    by_history[history].get(k, 0.0) + value * way / self.matter.depth
-                )
+                free = (node, component) not in self.kinds["supports"]
+                force = value * way / self.matter.depth
+                before = by_history[history].get(k, 0.0)
+                by_history[history][k] = before + np.array([force, force * free])
                 cards[k] = acting.card
         found = []
         for history, forces in by_history.items():
-            for facets, nodes in self._patches(piece, {*forces}, free, cards):
-                some = np.array([forces[k] for k in nodes])
+            for facets, nodes, some in self._patches(piece, forces, cards):
                 self.notes.changed(
                     cards[int(nodes[0])],
                     "forces at nodes are spread over "
@@ -322,19 +321,25 @@ class Acts:
         return found
 
     def _patches(
-        self, piece: Piece, loaded: set[int], free: set[int], cards: dict[int, Card]
-    ) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Facets that carry the forces of nodes, and these, as of `patches`; forces that are not of `free` nodes, as
-        supports take them, are on whole facets beside others alone."""
-        held = loaded - free
-        patches, lost = piece.patches(np.array(sorted(loaded)), sorted(held))
-        found = [one for one in patches if not held.issuperset(one[1].tolist())]
-        for k in held.difference(*(nodes.tolist() for _, nodes in found)):
-            words = "forces at nodes along displacements that are given change nothing"
-            self.notes.changed(cards[k], words)
+        self, piece: Piece, forces: dict[int, np.ndarray], cards: dict[int, Card]
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
+        """Facets that carry the forces (2, d) of nodes, as of `_forces`, these nodes (k,), and what they carry (k, d)."""
+        held = {k for k, (_, free) in forces.items() if not free.any()}
+        taken = {k for k, (force, free) in forces.items() if (force != free).any()}
+        patches, lost = piece.patches(np.array(sorted(forces)), sorted(held))
         for k in lost.tolist():
             self.notes.lost(cards[k], "a force at a node that is not on the boundary")
-        return found
+        for facets, nodes, whole in patches:
+            if not held.issuperset(nodes.tolist()):
+                taken -= {*nodes.tolist()} if whole else set()
+                yield (
+                    facets,
+                    nodes,
+                    np.array([forces[k][0 if whole else 1] for k in nodes.tolist()]),
+                )
+        for k in taken:
+            words = "forces at nodes along displacements that are given change nothing"
+            self.notes.changed(cards[k], words)
 
     def _spread(
         self, piece: Piece, facets: np.ndarray, at: np.ndarray, forces: np.ndarray

@@ -215,26 +215,27 @@ class Piece:
 
     def patches(
         self, loaded: np.ndarray, held: Sequence[int] = ()
-    ) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
-        """Facets to carry the forces at places `loaded` (k,), and the nodes whose forces they carry: whole facets that
-        hang together, else those around nodes that hang together and are not `held`; and the nodes without a facet."""
+    ) -> tuple[list[tuple[np.ndarray, np.ndarray, bool]], np.ndarray]:
+        """Facets to carry the forces at places `loaded` (k,), the nodes whose forces they carry, and whether they are
+        whole facets: first these that hang together, then those around nodes that hang together and are not `held`; and
+        the nodes without a facet."""
         marked = np.zeros(len(self.nodes) + 1, bool)
         marked[loaded] = marked[-1] = True
         ends = marked[self.facets[:, :4]].all(axis=1)
         middles = marked[self.facets[:, 4:]].all(axis=1)
         # consistent loads of quadratic tetrahedra are at the middles of sides alone
         whole = ends | (middles & (self.facets[:, 4] >= 0))
-        found: list[tuple[np.ndarray, np.ndarray]] = []
+        found: list[tuple[np.ndarray, np.ndarray, bool]] = []
         left = marked[:-1].copy()
-        for some in (whole, None):
-            some = np.append(left, False)[self.facets].any(axis=1) if some is None else some
+        for all_of_it in (True, False):
+            some = whole if all_of_it else np.append(left, False)[self.facets].any(axis=1)
             loads = np.flatnonzero(some)
             component = connected(self.facets[loads, :4])
             for facets in (loads[component == k] for k in range(component.max(initial=-1) + 1)):
                 nodes = np.unique(self.facets[facets])
                 nodes = nodes[(nodes >= 0) & left[nodes]]
                 if len(nodes):
-                    found.append((facets, nodes))
+                    found.append((facets, nodes, all_of_it))
             left[np.unique(self.facets[some])] = False
             left[[*held]] = False
         return found, np.flatnonzero(left)

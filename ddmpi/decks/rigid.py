@@ -102,7 +102,7 @@ class RigidSets:
             return None
         piece = own[0][0]
         patches, _ = piece.patches(np.flatnonzero(piece.within(sets[0].nodes)))
-        return np.unique(np.concatenate([some for some, _ in patches])) if patches else None
+        return np.unique(np.concatenate([some for some, *_ in patches])) if patches else None
 
     def _take(self, rigid: Rigid, faces: Sequence[Side]) -> str:
         """Write a rigid set that has whole faces of bodies; the reason where it is not possible."""

@@ -21,10 +21,10 @@ def test_facets_carry_the_forces_at_all_loaded_nodes_once(loaded):
     entries = np.column_stack([[1, 2], SQUARES])
     piece = Piece("part", [Block("quad", entries, card)], np.arange(1, 7), POINTS)
     found, left = piece.patches(np.array(loaded))
-    carried = np.concatenate([nodes for _, nodes in found])
+    carried = np.concatenate([nodes for _, nodes, _ in found])
     assert np.sort(np.append(carried, left)).tolist() == loaded
     assert not len(left)
-    for facets, nodes in found:
+    for facets, nodes, _ in found:
         assert np.isin(nodes, piece.facets[facets]).all()
 
 

@@ -130,6 +130,9 @@ def test_forces_at_nodes_that_are_held_change_nothing(tmp_path):
     steps = step("*DLOAD", "9, P2, 1.", "*CLOAD", "A_X0, 3, 5.") + step("*CLOAD, OP=NEW")
     scene, lists = imported(tmp_path, held + steps)
     assert len(scene["history"]) == len(scene["body"][0]["traction"]) == 1 and words in lists
+    plain, no = imported(tmp_path, BOX + ROLLERS + step("*CLOAD", "9, 1, 2."))
+    scene, lists = imported(tmp_path, BOX + ROLLERS + step("*CLOAD", "9, 1, 2.\n9, 3, 5."))
+    assert scene == plain and words in lists and words not in no
 
 
 def test_what_is_twice_in_a_set_has_its_load_once(tmp_path):
