@@ -200,6 +200,7 @@ def in_a_groove(start: float, coefficient: float, angle: float = 45.0) -> dict:
     return scene
 
 
+@pytest.mark.every(2)
 @pytest.mark.parametrize("start", [1.0, 3.0])
 @pytest.mark.parametrize(("coefficient", "rolls_by"), [(0.3, 0.0), (0.01, 3.75)])
 def test_friction_that_sticks_in_a_groove_leaves_no_roll(start, coefficient, rolls_by):
@@ -240,7 +241,9 @@ def on_two_rollers(starts: tuple[float, float], held: bool = False) -> dict:
     return scene | {"body": [*rollers, plate], "contact": contacts}
 
 
-@pytest.mark.parametrize(("held", "turn"), [(False, 1.75), (True, 0.0)])
+@pytest.mark.parametrize(
+    ("held", "turn"), [(False, 1.75), pytest.param(True, 0.0, marks=pytest.mark.slow)]
+)
 def test_a_plate_on_rollers_rolls_to_their_nodes(held, turn):
     """A plate that is held along the floor holds its rollers; another one rolls with them to where two nodes bear at
     each, 2 and 5.5 degrees beside the foot."""
@@ -252,7 +255,9 @@ def test_a_plate_on_rollers_rolls_to_their_nodes(held, turn):
     assert held or ("worst of 4 such" in told[0] and "decide up to 3.8 either way" in told[0])
 
 
-@pytest.mark.parametrize(("coefficient", "told"), [(0.3, 0), (0.02, 1)])
+@pytest.mark.parametrize(
+    ("coefficient", "told"), [(0.02, 1), pytest.param(0.3, 0, marks=pytest.mark.slow)]
+)
 def test_a_roller_that_moves_far_rolls_to_its_nodes(coefficient, told):
     """Its turn is that since it was drawn."""
     scene = in_a_groove(2.0, coefficient) | {"time": {"motions": "far", "points": [1.0]}}
