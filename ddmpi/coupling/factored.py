@@ -195,8 +195,9 @@ class Factored:
         return get(partial(self._free, load))
 
     def push(self, case: LoadCase) -> np.ndarray:
-        """(j,) a load case along the rigid motions (N). Not collective."""
-        return self._R.T @ case.b
+        """(j,) a load case along the rigid motions (N): heat and prescribed displacements have no part along them, of
+        which rounding would be left. Not collective."""
+        return np.einsum("nij,ni->j", self.motions, case.f)
 
     def _free(self, load: np.ndarray) -> np.ndarray:
         """B A⁻¹ b (size,) of a load b (d k,). Collective on the body's communicator."""

@@ -247,6 +247,24 @@ def test_resultants_of_a_bond_in_balance_are_zero():
     assert bond["moment"] == bond["normal_force"] == bond["tangential_force"] == 0.0
 
 
+def test_heat_alone_presses_no_lid():
+    """A lid that lies on a plate without friction, and that heat lets grow: heat has no resultant, not even of rounding,
+    which took the lid off, so that there was no equilibrium."""
+    bodies = []
+    for name, y, height, cells in (("plate", 0.0, 0.02, [8, 4]), ("lid", 0.02, 0.01, [5, 3])):
+        mesh = {"shape": "rectangle", "origin": [0.0, y], "size": [0.2, height], "order": 2}
+        mesh["divisions"] = cells
+        body = {"name": name, "mesh": mesh, "material": STEEL | {"expansion": 1.2e-5}}
+        bodies.append(body | {"clamp": [{"on": "left", "x": 0.0}]})
+    bodies[0]["clamp"].append({"on": "bottom", "y": 0.0})
+    bodies[1]["temperature"] = 80.0
+    lies = {"bodies": ["lid", "plate"], "on": ["bottom", "top"]}
+    answer = certified({"body": bodies, "contact": [lies]})
+    assert not answer.solved.assembly.joint.e.any()
+    assert np.abs(answer.contacts["lid-plate"].normal_force).max() < 1e-8
+    assert answer.summary["bodies"]["lid"]["displacement_max"] == pytest.approx(2.5e-4, rel=0.01)
+
+
 def test_reactions_of_rounding_are_zero():
     """Of a plate that heat lets grow; of a weight 1e-9 times as large as what its supports bear they are not."""
     plate = block("plate", 0.0, 0.0, (1, 1), [{"on": "bottom", "y": 0.0}, {"on": "left", "x": 0.0}])
