@@ -694,7 +694,8 @@ class Model:
         key = (called(what), card.scope, label)
         acting = {} if "body_forces" in self._renewed else self.kinds["body_forces"]
         fresh = self._fresh["body_forces"] if label == "CENTRIF" else {}
-        for one in {other for other, load in acting.items() if load.value} | fresh.keys():
+        old = [other for other, load in acting.items() if load.value]
+        for one in dict.fromkeys([*old, *fresh]):  # in the order of the deck
             there = self.deck.chosen(card._replace(scope=one[1]), "ELSET", one[0])
             if one[2] != label or members.isdisjoint(there):
                 continue

@@ -203,15 +203,30 @@ class Piece:
         return _kept(self.sets, np.unique(nodes), name, self.taken)
 
     def parted(self, nodes: np.ndarray) -> list[np.ndarray]:
-        """These nodes (k,) in sets: as a mesh adds the middle of a side to a set that has both of its ends, those whose
-        middle is not among them are each in one of its own."""
+        """These nodes (k,) in sets: as a mesh adds the middle of a side to a set that has both of its ends, of those
+        whose middle is not among them no two of one element are in one set."""
+        if len(nodes) < 2:
+            return [nodes]
         marked = np.append(np.isin(np.arange(len(self.nodes)), nodes), True)
         first, middles = np.hsplit(self.facets, 2)
         second = np.roll(first, -1, axis=1)
         second = np.where(second < 0, first[:, :1], second)
         lone = marked[first] & marked[second] & ~marked[middles]
         alone = np.union1d(first[lone], second[lone])
-        return [some for some in (np.setdiff1d(nodes, alone), *alone[:, None]) if len(some)]
+        if not len(alone):
+            return [nodes]
+        beside = {node: set[int]() for node in self.nodes[alone].tolist()}
+        for row in itertools.chain(*(block.entries[:, 1:].tolist() for block in self.blocks)):
+            some = beside.keys() & row
+            for node in some:
+                beside[node] |= some
+        number = dict[int, int]()  # of sets
+        for node, others in beside.items():
+            there = {number.get(other) for other in others}
+            number[node] = next(k for k in itertools.count() if k not in there)
+        of = np.array([*number.values()])
+        parts = [np.setdiff1d(nodes, alone), *(alone[of == k] for k in np.unique(of))]
+        return [some for some in parts if len(some)]
 
     def patches(
         self, loaded: np.ndarray, held: Sequence[int] = ()

@@ -1016,6 +1016,21 @@ def test_middles_are_free_between_corners_that_are_held(tmp_path, kind):
     assert len(imported(tmp_path, every)[0]["body"][0]["clamp"]) == 1
 
 
+def test_many_corners_that_are_held_are_few_sets(tmp_path):
+    """Of a row of quadratic elements, none of which has two corners in one set: it was a set for each corner."""
+    places = [(x, y) for y in range(3) for x in range(13)]
+    nodes = "".join(f"{k}, {x / 2}, {y / 2}\n" for k, (x, y) in enumerate(places, 1))
+    own = np.array([1, 3, 29, 27, 2, 16, 28, 14])
+    rows = "".join(f"{k}, {', '.join(map(str, own + 2 * k - 2))}\n" for k in range(1, 7))
+    held = "".join(f"{k}, 1, 2\n" for k in range(1, 14, 2))
+    deck = f"*NODE\n{nodes}*ELEMENT, TYPE=CPE8, ELSET=A\n{rows}{STEEL}{SECTION}*BOUNDARY\n{held}"
+    scene, _ = imported(tmp_path, deck + step("*DLOAD", "A, BY, -1."))
+    assert len(scene["body"][0]["clamp"]) == 2
+    mesh = (tmp_path / "0" / "deck" / "A.inp").read_text()
+    sets = [text.split("\n*")[0] for text in mesh.split("*NSET, NSET=fixed")[1:]]
+    assert [text.split("\n")[1] for text in sets] == ["1, 5, 9, 13", "3, 7, 11"]
+
+
 def turned_part(place: str, way: str = "*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n") -> str:
     """A part of an orthotropic material, in an instance at a place, with an orientation of its own."""
     material = "*MATERIAL, NAME=WOOD\n*ELASTIC, TYPE=ENGINEERING CONSTANTS\n10., 1., 1., 0., 0., 0., 1., 1.,\n1.\n"
