@@ -478,7 +478,9 @@ def stacked(kind: Kind, /, stress: float = -LOAD, walls: bool = False, **contact
             "contacts__upper-lower__open": 0,
         },
     )
-    if "friction" in contact:  # nothing pulls
+    if (
+        "friction" in contact and not kind.axis
+    ):  # nothing pulls; around an axis it never acts along this
         found |= told(1.0, **{"contacts__upper-lower__utilisation": 0.0})
     fields = {
         "upper": kind.field(upper, BELOW * lower[-1, -1] * kind.up),

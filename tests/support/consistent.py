@@ -212,7 +212,11 @@ def of_fields(summary: dict, name: str, fields: Any) -> None:
             even = stress[0] + 0.0 * fields.nodal_stress
             close(fields.nodal_stress, even, np.abs(stress).max(), "stresses at nodes")
         at = first(fields.von_mises, corners.mean(axis=1))
-        close(told["von_mises_max_at"], at, np.abs(corners).max(), "place of the largest stress")
+        if told["von_mises_max"]:
+            size = np.abs(corners).max()
+            close(told["von_mises_max_at"], at, size, "place of the largest stress")
+        else:
+            assert told["von_mises_max_at"] is None
         if not far:
             stored(summary, told, corners, fields)
 
