@@ -18,15 +18,16 @@ from ddmpi.interface.interface import Interface
 from ddmpi.judge.diagnosis import StatusLog
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.outer import Step
-from ddmpi.system.numbers import SAME
+from ddmpi.system.numbers import SAME, norm
 
 PASSES, SETTLED, SHRINKS, PATIENCE = 40, 1e-8, 0.7, 6
 """Most passes of a group beside those on its way. Frames have settled once α moves contacts by less than SETTLED of what
 forces do, and do not settle if PATIENCE passes together leave more than SHRINKS of what was left before."""
 
-NEAR, DEPTH = 0.3, 3
+NEAR, DEPTH, BACK = 0.3, 3, 0.9
 """Once α moves contacts by less than NEAR of what forces do, up to DEPTH passes before make the next motion of the
-frames, see `_mixed`. Earlier than that, bodies may leave each other."""
+frames, see `_mixed`. Earlier than that, bodies may leave each other, unless α goes back the way it came: where the cosine
+of this is above BACK, the pass before makes the next motion, which is then less than α."""
 
 FARTHEST, ROUND = 15.0, 360.0
 """The largest turn of a frame in a pass, and once round (degrees)."""
@@ -74,10 +75,14 @@ class Group:
 
     def next(self, alpha: np.ndarray, near: bool) -> np.ndarray:
         """How its frames move after a pass with the motions α (rigid.size,) by what the passes before say if they are
-        `near` to where they settle: (rigid.size,), zero for others."""
-        self._changes = self._changes[-DEPTH:] if near else []
-        step = self._limited(_mixed(self._changes, alpha * self.at))
-        self._changes = [] if self.far else [*self._changes, (alpha * self.at, step)]
+        `near` to where they settle, or α goes back: (rigid.size,), zero for others."""
+        own, before = alpha * self.at, self._changes[-DEPTH:]
+        if not near:
+            before = [
+                each for each in before[-1:] if own @ each[0] < -BACK * norm(own) * norm(each[0])
+            ]
+        step = self._limited(_mixed(before, own))
+        self._changes = [] if self.far else [*before, (own, step)]
         return step
 
     def drive(self, turn: np.ndarray) -> np.ndarray:
