@@ -142,8 +142,8 @@ def doubt_answer(assembly: Assembly, answer: Answered, passing: bool = False) ->
     Parameters
     ----------
     answer : with output.only nothing is said of strains and of overlaps of bodies
-    passing : whether other load steps follow; then motions alone are looked at, since a body that is unloaded on its
-        way may have next to no forces
+    passing : whether other load steps follow that are shown; then motions alone are looked at, since a body that is
+        unloaded on its way may have next to no forces
     """
     world, here = assembly.world, assembly.in_world()
     contacts = answer.contacts

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import ElementTree
 
+import msgspec
 import numpy as np
 
 from ddmpi.body.stress import principal, von_mises
@@ -24,6 +25,7 @@ from ddmpi.results.tables import (
     side_means,
     write_table,
 )
+from ddmpi.scene.time import History, most_loaded
 from ddmpi.surface.near import contained
 from ddmpi.system.numbers import Frame, in_words, place_of_largest
 
@@ -138,7 +140,9 @@ def at_step(results: Results, folder: Path, asked: float | None = None) -> Resul
     if asked is None:
         if len(times) == 0 or not results.summary["converged"]:
             return results
-        asked = _most_loaded(results, times)
+        histories = msgspec.convert(results.scene.get("history", {}), dict[str, History])
+        drawn = drawn_times(results.summary, times)
+        asked = float(times[most_loaded(histories.values(), drawn)])
     number = _number_of(asked, times, folder)
     time, group = float(times[number]), group_of(number)
     with h5py.File(folder / "result.h5", "r") as file:
@@ -176,15 +180,6 @@ def _number_of(asked: float, times: np.ndarray, folder: Path) -> int:
             f"{', '.join(f'{time:g}' for time in times) or 'none'}"
         )
     return int(matching[0])
-
-
-def _most_loaded(results: Results, times: np.ndarray) -> float:
-    """The last of the times at which the sum of the factors of all histories, Σ |factor| / max |factor|, is largest."""
-    drawn, loads = drawn_times(results.summary, times), np.zeros(len(times))
-    for history in results.scene.get("history", {}).values():
-        largest = np.abs(history["factors"]).max() or 1.0
-        loads += np.abs(np.interp(drawn, history["times"], history["factors"])) / largest
-    return float(times[loads >= loads.max() - 1e-9][-1])
 
 
 def _contact_at(results: Results, name: str, time: float, rows: Columns | None) -> Columns:

@@ -3,7 +3,7 @@
 import contextlib
 import gc
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -479,9 +479,12 @@ def _of_answer(solved: Solved, free: list[str], edges: Edges) -> list[str]:
     rounded = subjects(doubts, *ROUNDED)
     infinite = [doubt for doubt in infinite if rounded.isdisjoint(subjects([doubt]))]
     corners = subjects(infinite)
-    doubts = [doubt for doubt in doubts if corners.isdisjoint(subjects([doubt], "alone"))]
-    warnings = [*coarse_words(solution.held), *doubts, *infinite]
-    warnings += steps.doubts_beside([*doubts, *free])
+
+    def beside_corners(some: Sequence[str]) -> list[str]:
+        return [doubt for doubt in some if corners.isdisjoint(subjects([doubt], "alone"))]
+
+    warnings = [*coarse_words(solution.held), *beside_corners(doubts), *infinite]
+    warnings += beside_corners(steps.doubts_beside([*doubts, *free]))
     if not scene.output.only:
         stresses = {name: _resolved(solved, name) for name in solved.fields}
         here = assembly.in_world()

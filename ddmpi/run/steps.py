@@ -32,6 +32,7 @@ from ddmpi.run.marks import Mark
 from ddmpi.run.recover import NOTHING
 from ddmpi.run.report import NAMED
 from ddmpi.run.solve import Iteration, Solution, lean_steps
+from ddmpi.scene.time import most_loaded
 from ddmpi.system.doubts import Doubt
 from ddmpi.system.numbers import counted
 
@@ -91,6 +92,7 @@ class March:
         self.outer = iteration.outer
         self.iterations = 0
         self._legs = scene.legs
+        self._shown = most_loaded(scene.history.values(), self._legs)  # by report and pictures
         self._steps = scene.time.steps
         self._tolerance = scene.time.tolerance or math.inf
         self._cycle = scene.time.cycle
@@ -140,7 +142,7 @@ class March:
                 if self._leg == len(self._legs) - 1 and not again:
                     break
                 if solution.displacements:
-                    doubts = doubt_answer(self.assembly, solution, True)
+                    doubts = doubt_answer(self.assembly, solution, self._leg != self._shown)
                     loose = undetermined_motions(self.assembly, solution.states)[:NAMED]
                     self.log.doubt(time, [*doubts, *loose])
                 self._next_leg(again)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import msgspec
@@ -48,6 +48,16 @@ class History(Table, frozen=True, kw_only=True):
             for time, before, after in zip(self.times, slopes, slopes[1:], strict=False)
             if before != after
         ]
+
+
+def most_loaded(histories: Iterable[History], times: np.ndarray | Sequence[float]) -> int:
+    """Which is the last of the times at which the sum of the factors of all histories, Σ |factor| / max |factor|, is
+    largest."""
+    loads = np.zeros(len(times))
+    for history in histories:
+        largest = np.abs(history.factors).max() or 1.0
+        loads += np.abs(np.interp(times, history.times, history.factors)) / largest
+    return int(np.flatnonzero(loads >= loads.max() - 1e-9)[-1])
 
 
 class Cycle(Table, frozen=True, kw_only=True, rename={"begin": "from"}):

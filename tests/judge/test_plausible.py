@@ -663,6 +663,18 @@ def test_warnings(scene, about, words):
     assert all(each in found[0] for each in words)
 
 
+@pytest.mark.parametrize(("around", "factors"), [(16, [1.0, -0.1]), (160, [0.01, 1.0])])
+def test_pressures_of_the_step_that_is_shown_are_doubted(around, factors):
+    """The report shows the step of the largest load: a zone on few nodes there has a warning, one on the way has none."""
+    scene = wheel(around, 1)
+    scene["body"][0]["clamp"][0]["history"] = "way"
+    history = {"times": [0.0, 1.0, 2.0], "factors": [0.0, *factors]}
+    scene |= {"history": {"way": history}, "time": {"points": [1.0, 2.0]}}
+    found = doubts(scene, "too few nodes")
+    assert len(found) == (around == 16)
+    assert all("time 1" in words for words in found)
+
+
 @pytest.mark.slow
 def test_large_displacements_and_far_slips_are_warnings():
     """Small-strain theory carries neither a body that moves by its size nor pairs that slide past their neighbours."""

@@ -17,11 +17,10 @@ from ddmpi.interface.interface import check_overlap
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.interface.state import slip_start, touching
 from ddmpi.mesh.mesh import Mesh, refuse_folded
-from ddmpi.results.histories import _most_loaded
 from ddmpi.results.tables import side_means
 from ddmpi.scene.motions import frames_of
 from ddmpi.scene.reader import read_scene
-from ddmpi.scene.time import History
+from ddmpi.scene.time import History, most_loaded
 
 
 def test_a_cell_that_folds_at_its_corner_alone_is_refused():
@@ -58,13 +57,10 @@ def test_means_over_sides_are_those_of_their_area(axisymmetric):
 
 def test_pictures_show_the_step_of_the_largest_factor_whatever_its_sign():
     """Each history counts by its factors over the largest, which may be negative: 1.2, 1.6 and 0.05 here."""
-    history = {
-        "way": {"times": [1.0, 2.0, 2.3], "factors": [-2.0, -1.2, 0.1]},
-        "load": {"times": [1.0, 2.0, 2.3], "factors": [0.6, 3.0, 0.0]},
-    }
-    scene = {"history": history}
-    results = SimpleNamespace(summary={"scene": scene}, scene=scene)
-    assert _most_loaded(results, np.array([1.0, 2.0, 2.3])) == 2.0
+    times = [1.0, 2.0, 2.3]
+    way = History(times=times, factors=[-2.0, -1.2, 0.1])
+    load = History(times=times, factors=[0.6, 3.0, 0.0])
+    assert times[most_loaded([way, load], times)] == 2.0
 
 
 def test_a_node_that_touches_ahead_slides_no_more_than_its_step():
