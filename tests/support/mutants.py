@@ -126,9 +126,9 @@ MUTANTS = [
         ),
         (
             "a largest factor is positive",
-            "results/histories",
-            "np.abs(history['factors']).max() or 1.0",
-            "np.max(history['factors']) or 1.0",
+            "scene/time",
+            "np.abs(history.factors).max() or 1.0",
+            "np.max(history.factors) or 1.0",
             f"{RARER}::test_pictures_show_the_step_of_the_largest_factor_whatever_its_sign",
         ),
         (
