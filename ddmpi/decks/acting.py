@@ -67,7 +67,7 @@ class Acts:
                     self.home |= dict.fromkeys(piece.place.keys() & nodes, piece)
 
     def _is_timed(self) -> bool:
-        """Whether there are load steps. Where there are none, note what has another course than a ramp from zero."""
+        """Whether there are load steps. In one step without, note what has another course than a ramp from zero."""
         every = [acting for kind in self.kinds.values() for acting in kind.values()]
         odd = [acting.card for acting in every if not _is_ramp(acting.course)]
         several = len(self.model.ends) > 1 and not self.model.final
@@ -75,7 +75,7 @@ class Acts:
             for card in self.model.jumps:
                 self.notes.changed(card, "it jumps, over a thousandth of the step")
             return True
-        for card in odd:
+        for card in odd * (not self.model.final):
             self.notes.changed(card, "its amplitude counts at the end of the step")
         return False
 
