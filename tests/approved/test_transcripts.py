@@ -711,6 +711,7 @@ def test_a_transcript_is_as_approved(name, tmp_path_factory, monkeypatch):
     compare(name, TRANSCRIPTS[name]())
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_a_transcript_of_two_ranks_is_as_approved(comm, tmp_path, monkeypatch):
     """What the first rank says of both, also where a body has several ranks and where bodies are loose."""

@@ -177,6 +177,7 @@ def test_bad_targets_are_refused_before_work():
     assert_refused(aiming({PEAK: 0.1}) | {"output": {"stress": False}}, "method.target", PEAK)
 
 
+@pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_targets_on_two_ranks():
     """Bodies on ranks of their own get the meshes and the bars of one rank, which has these."""
