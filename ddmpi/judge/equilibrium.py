@@ -194,10 +194,8 @@ class _Free:
         (bonds, n), m, k = forces.bonded.shape, len(slope), len(g)
         parts = [forces.bonded, forces.normal, -tangential, -forces.given]
         powers = (sparse.vstack(parts, "csr") @ W.T).tocoo()
-        first, ball = (
-            bonds + m,
-            bonds + m + (c + 1) * k,
-        )  # where rows of discs begin, and of |w| ≤ 1
+        first = bonds + m  # where rows of discs begin
+        ball = first + (c + 1) * k  # and those of |w| ≤ 1
         discs, w = np.arange(k), np.arange(n)
         disc, along = np.divmod(powers.row - first, c)
         # rows of bonds, normals, of each disc τ and v_t, and of w; columns of w and τ

@@ -429,10 +429,8 @@ def fields_of(
     fields = Fields(mesh.points, mesh.triangles, u, error=density)
     if output.stress:
         heat = body.member.elasticity.acting.heated
-        sigma, known = (
-            stress(mesh, body.material, u, heat),
-            error and error.estimates[body.spec.name],
-        )
+        sigma = stress(mesh, body.material, u, heat)
+        known = error and error.estimates[body.spec.name]
         nodal = known.stress if known else nodal_stress(mesh, body.material, u, heat)
         if known and not known.energy:  # strains are rounding
             sigma, nodal = 0.0 * sigma, 0.0 * nodal
