@@ -72,7 +72,8 @@ class Problem:
     ----------
     name, title : short, and in words, which are the heading in the page
     measure : (n, order, folder) → what is found; meshes that gmsh draws go into the folder
-    meshes : n of three meshes, the coarsest first; a test runs that one
+    meshes : n of three meshes, the coarsest first
+    tested : n of the mesh that a test runs: the coarsest one, or one that the page does not show
     unit : what n counts
     orders : of the elements
     view : of the picture: x from, to, y from, to
@@ -83,6 +84,7 @@ class Problem:
     title: str
     measure: Callable[[int, Order, Path], Found]
     meshes: tuple[int, ...]
+    tested: int
     unit: str
     orders: tuple[Order, ...]
     view: tuple[float, float, float, float] | None
@@ -102,6 +104,7 @@ def problem(
     orders: tuple[Order, ...] = (1, 2),
     view: tuple[float, ...] | None = None,
     in_space: bool = False,
+    tested: int | None = None,
 ) -> Callable:
     """Decorator: makes a Problem in PROBLEMS of a function (n, order, folder) → `Results`, with - for _ in its name."""
 
@@ -122,7 +125,8 @@ def problem(
 
         name = function.__name__.replace("_", "-")
         solid = in_space or function.__module__.endswith("solids")
-        PROBLEMS[name] = Problem(name, title, measure, meshes, unit, orders, view, solid)
+        coarsest = meshes[0] if tested is None else tested
+        PROBLEMS[name] = Problem(name, title, measure, meshes, coarsest, unit, orders, view, solid)
         return measure
 
     return register

@@ -124,7 +124,7 @@ def sliding_block(n: int, order: Order, folder: Path) -> Results:
 # Both bodies turned together: nothing changes
 
 
-def turned(order: int, fine: int) -> dict:
+def turned(order: int, fine: int, steps: int = 9) -> dict:
     """A ring, pressed on a block and rubbed, and then both of them turned by 90° about another point and shifted."""
     together = {"turn": 90.0, "pivot": [4.0, -3.0], "shift": [7.0, -2.0], "history": "turn"}
     ring = ring_of(
@@ -144,7 +144,7 @@ def turned(order: int, fine: int) -> dict:
     return far(
         [ring, base | {"motion": together}],
         [contact("ring", "base", "outer", "top", friction=coulomb(FRICTION))],
-        9,
+        steps,
         (1.0, 2.0, 3.0),
         press=PRESS,
         rub=GO,
@@ -291,7 +291,7 @@ BORE = 30.0
 """Its turn (degrees)."""
 
 
-def rolling(order: int, fine: int) -> dict:
+def rolling(order: int, fine: int, steps: int = 10) -> dict:
     """A loose disc of 1 m that lies in a bore of 1.5 m by its weight; the bore turns by `BORE`."""
     disc = ring_of(
         "disc",
@@ -312,7 +312,7 @@ def rolling(order: int, fine: int) -> dict:
     return far(
         [disc, bore],
         [contact("disc", "bore", "outer", "inner", friction=coulomb(FRICTION), slave="disc")],
-        10,
+        steps,
         weight=PRESS,
         turn=GO,
     )
@@ -372,9 +372,12 @@ WIDTH = 0.035
 """Half the width of the contact (m)."""
 
 
-def creep(share: float, folder: Path, nodes: int) -> tuple[float, float, float, Answer]:
+def creep(
+    share: float, folder: Path, nodes: int, steps: int | None = None
+) -> tuple[float, float, float, Answer]:
     """A roller that is turned against a force Q of so much of μP: the creep over its last half-width, the largest
-    pressure over Hertz's p₀, Carter's creep, and the answer; with so many nodes on the half-width a."""
+    pressure over Hertz's p₀, Carter's creep, and the answer; with so many nodes and steps on the half-width a."""
+    steps = steps or nodes
     a, (young, poisson) = WIDTH, SOFT
     load, turn = np.pi * young / (2.0 * (1.0 - poisson**2)) * a**2 / 4.0, np.degrees(6.0 * a)
 
@@ -402,13 +405,13 @@ def creep(share: float, folder: Path, nodes: int) -> tuple[float, float, float, 
                     "roller", "plate", "outer", "top", friction=coulomb(FRICTION), slave="roller"
                 )
             ],
-            6 * nodes,
+            6 * steps,
             load=PRESS,
             roll=GO,
         )
     )
-    places, steps = answer.solved.steps.places, answer.summary["steps"]
-    before, end = (places[steps[k]["time"]].freed["roller"][0] for k in (-1 - nodes, -1))
+    places, told = answer.solved.steps.places, answer.summary["steps"]
+    before, end = (places[told[k]["time"]].freed["roller"][0] for k in (-1 - steps, -1))
     pressure = answer.contacts["roller-plate"].pressure.max() / (2.0 * load / (np.pi * a))
     return (
         1.0 - (end - before) / a,

@@ -194,7 +194,12 @@ def twisting_friction(x: float, share: float) -> float:
     )
 
 
-@problem("Balls that are pressed and twisted", (3, 5, 8), "elements on a of the coarser ball")
+@problem(
+    "Balls that are pressed and twisted",
+    (3, 5, 8),
+    "elements on a of the coarser ball",
+    tested=2,
+)
 def twisted_balls(n: int, order: Order, folder: Path) -> Results:
     friction, approach, poisson = 0.5, 0.00045, 0.3
     upper = half_ball(folder / "upper.msh", 0.015, 0.012 / n, order, turn=360.0)

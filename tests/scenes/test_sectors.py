@@ -25,11 +25,14 @@ def segment(name: str, start: float, end: float, order: int, cells: int = 4, **k
     return {"name": name, "mesh": mesh, "material": STEEL} | keys
 
 
-def wedge(name: str, low: float, **keys: Any) -> dict:
+def wedge(
+    name: str, low: float, radii: tuple[float, float] = (1.0, 2.0), cells: int = 3, **keys: Any
+) -> dict:
     """A quarter of a square ring, one high."""
-    plane = [[1.0, 0.0], [2.0, 0.0], [0.0, 2.0], [0.0, 1.0]]
+    inner, outer = radii
+    plane = [[inner, 0.0], [outer, 0.0], [0.0, outer], [0.0, inner]]
     corners = [[*at, z] for z in (low, low + 1.0) for at in plane]
-    mesh = {"shape": "hexahedron", "corners": corners, "divisions": [3, 3, 2]}
+    mesh = {"shape": "hexahedron", "corners": corners, "divisions": [cells, 3, 2]}
     return {"name": name, "mesh": mesh, "material": STEEL} | keys
 
 
@@ -175,6 +178,40 @@ def test_a_sector_is_a_part_of_its_wheel(wheel):
     for body in sector["body"]:
         energies = (all_of_it.summary["bodies"][f"{body['name']}{k}"]["energy"] for k in range(4))
         assert sums["bodies"][body["name"]]["energy"] == pytest.approx(sum(energies), rel=1e-7)
+
+
+@pytest.mark.slow
+def test_a_bolt_of_a_sector_is_one_of_those_of_the_whole():
+    """A ring of shanks holds a flange that turns, under a plate that a load lifts: displacements, and what all bear."""
+    bolt, load, spin = 2e8, 2e7, {"volume_force": [*SPIN, 0.0]}
+    bodies = [
+        wedge("lower", 0.0, clamp=["bottom"]),
+        wedge("flange", 1.0, (1.0, 1.5), 2, **spin),
+        wedge("shank", 1.0, (1.6, 2.0), 1),
+    ]
+    thread = {"name": "thread", "bodies": ["shank", "lower"], "on": ["bottom", "top"]} | BOND
+    contacts = [
+        thread | {"pretension": {"force": bolt, "along": [0.0, 0.0, -1.0]}},
+        {"name": "head", "bodies": ["shank", "plate"], "on": ["top"]} | BOND,
+        {"name": "above", "bodies": ["flange", "plate"], "on": ["top"], "friction": FRICTION},
+        {"name": "below", "bodies": ["flange", "lower"], "on": ["bottom", "top"]}
+        | {"friction": FRICTION},
+        *(flanks(each["name"], on=["back", "front"], **BOND) for each in bodies),
+    ]
+    plate = {"name": "plate", "shape": "plane", "point": [0.0, 0.0, 2.0]}
+    plate |= {"normal": [0.0, 0.0, -1.0], "force": [0.0, 0.0, load]}
+    sector, whole = wheel(bodies, contacts, rigid=[plate])
+    whole["rigid"][0]["force"] = [0.0, 0.0, 4.0 * load]
+    tight = {"method": {"tolerance": 1e-11}}
+    one, all_of_it = certified(sector | tight), certified(whole | tight)
+    size = max(np.abs(body.displacement).max() for body in one.bodies.values())
+    for name, body in one.bodies.items():
+        right = all_of_it.bodies[f"{name}0"].displacement
+        assert body.displacement == pytest.approx(right, abs=1e-8 * size)
+    sums = one.summary["whole"]["contacts"]
+    assert -sums["thread"]["force"][2] == pytest.approx(4.0 * bolt, rel=1e-8)
+    for name in ("above", "below"):
+        assert sums[name]["normal_force"] == pytest.approx(4.0 * (bolt - load), rel=1e-6)
 
 
 @pytest.mark.slow
