@@ -243,6 +243,8 @@ iterations = 1
 newton_ksp_gmres_restart = 30
 """
 
+STEPPED = re.sub(r"(?s)\[petsc\].*", "", MIXED)
+
 PLATE = """Point(1) = {0, 0, 0, 0.5}; Point(2) = {2, 0, 0, 0.5}; Point(3) = {2, 1, 0, 0.5}; Point(4) = {0, 1, 0, 0.5};
 Line(1) = {1, 2};
 Line(2) = {2, 3};
@@ -365,8 +367,8 @@ def write_mesh(path: Path, form: str, space: bool) -> None:
             getattr(meshio, ending).write(path, mesh, binary=ending == "vtk")
 
 
-def made(folder: Path) -> list[Specimen]:
-    """All specimens, in folders of their own."""
+def made(folder: Path, wanted: Callable[[str], bool]) -> list[Specimen]:
+    """All specimens of the kinds that are wanted, in folders of their own."""
     found = []
 
     def place(kind: str, name: str) -> Path:
@@ -385,6 +387,8 @@ def made(folder: Path) -> list[Specimen]:
         "punch": (ROOT / "configs" / "two_boxes.toml").read_text(encoding="utf-8"),
         "ring": (ROOT / "configs" / "press_fit.toml").read_text(encoding="utf-8"),
     }.items():
+        if not wanted("scene"):
+            break
         path = place("scene", name)
         run = scene(path, content)
         found.append(
@@ -399,6 +403,8 @@ def made(folder: Path) -> list[Specimen]:
         *(ROOT / "configs" / "decks").glob("*.inp"),
         *(ROOT / "tests" / "decks").glob("*.inp"),
     ]:
+        if not wanted("deck"):
+            break
         path = place("deck", deck.stem)
         shutil.copy(deck, path / "deck.inp")
         found.append(
@@ -422,6 +428,8 @@ def made(folder: Path) -> list[Specimen]:
         "med",
         "inp",
     ):
+        if not wanted(f"mesh {form.split()[0]}"):
+            continue
         for space in (False, True)[: 1 if form == "inp" else 2]:
             path = place(f"mesh {form}", "space" if space else "plane")
             name = f"plate.{form.split()[0]}"
@@ -433,22 +441,23 @@ def made(folder: Path) -> list[Specimen]:
                 content["rigid"][0] |= {"point": [0.0, 0.0, 0.0], "normal": [0.0, 1.0, 0.0]}
                 content["body"][0]["clamp"][0]["z"] = 0.0
             found.append(Specimen(f"mesh {name[6:]}", path, [name], [scene(path, content)]))
-    path = place("drawing", "geo")
-    (path / "plate.geo").write_text(PLATE)
-    found.append(
-        Specimen(
-            "drawing", path, ["plate.geo"], [scene(path, on_floor(geometry="plate.geo", size=0.5))]
-        )
-    )
-    return [*found, *_of_runs(folder, place, scene)]
+    if wanted("drawing"):
+        path = place("drawing", "geo")
+        (path / "plate.geo").write_text(PLATE)
+        run = scene(path, on_floor(geometry="plate.geo", size=0.5))
+        found.append(Specimen("drawing", path, ["plate.geo"], [run]))
+    written = {"checkpoint": _checkpoints, "results": _results, "sweep": _sweeps}
+    return [
+        *found,
+        *(each for kind in written if wanted(kind) for each in written[kind](place, scene)),
+    ]
 
 
-def _of_runs(folder: Path, place: Callable, scene: Callable) -> list[Specimen]:
-    """Specimens that runs write: checkpoints, results, sweeps."""
+def _checkpoints(place: Callable, scene: Callable) -> list[Specimen]:
+    """Specimens that runs write before their end."""
     found = []
-    stepped = re.sub(r"(?s)\[petsc\].*", "", MIXED)
     remove = checkpoint.Checkpoints.remove
-    for name, content in {"steps": stepped, "blocks": scenes.pinched_blocks(2)}.items():
+    for name, content in {"steps": STEPPED, "blocks": scenes.pinched_blocks(2)}.items():
         path = place("checkpoint", name)
         run = scene(
             path,
@@ -461,8 +470,14 @@ def _of_runs(folder: Path, place: Callable, scene: Callable) -> list[Specimen]:
         shutil.rmtree(path / "out")
         restart = [*run[:2], "--no-figures", "--output", "{}/out", "--restart", "{}"]
         found.append(Specimen("checkpoint", path, ["checkpoint.h5"], [restart], sealed=True))
+    return found
+
+
+def _results(place: Callable, scene: Callable) -> list[Specimen]:
+    """Specimens that runs write at their end."""
+    found = []
     for name, content in {
-        "steps": stepped,
+        "steps": STEPPED,
         "solids": (ROOT / "configs" / "two_boxes.toml").read_text(encoding="utf-8"),
     }.items():
         path = place("results", name)
@@ -491,6 +506,11 @@ def _of_runs(folder: Path, place: Callable, scene: Callable) -> list[Specimen]:
     found.append(
         Specimen("results", path, files, [["report", "{}"], ["figures", "{}"], ["view", "{}"]])
     )
+    return found
+
+
+def _sweeps(place: Callable, scene: Callable) -> list[Specimen]:
+    """A specimen that a sweep writes."""
     path = place("sweep", "blocks")
     scene(path, scenes.pinched_blocks(1))
     vary = ["sweep", "{}/scene.toml", "--vary", "method.tolerance=1e-6,1e-8", "--output", "{}"]
@@ -502,19 +522,12 @@ def _of_runs(folder: Path, place: Callable, scene: Callable) -> list[Specimen]:
         for file in sorted((path / "swept").rglob("*"))
         if file.suffix in (".csv", ".json")
     ]
-    found.append(
-        Specimen(
-            "sweep",
-            path,
-            files,
-            [
-                ["report", "{}/swept"],
-                ["sweep-plot", "{}/swept", "n_A:tolerance"],
-                [*vary[:-1], "{}/swept", "--gather"],
-            ],
-        )
-    )
-    return found
+    commands = [
+        ["report", "{}/swept"],
+        ["sweep-plot", "{}/swept", "n_A:tolerance"],
+        [*vary[:-1], "{}/swept", "--gather"],
+    ]
+    return [Specimen("sweep", path, files, commands)]
 
 
 # Runs
@@ -642,13 +655,11 @@ def main() -> int:
         place = Path(name)
         (place / "specimens").mkdir()
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-            specimens = made(place / "specimens")
+            specimens = made(
+                place / "specimens",
+                lambda kind: any(word in kind for word in options.kinds.split(",")),
+            )
         whole(specimens, place)
-        specimens = [
-            each
-            for each in specimens
-            if any(word in each.kind for word in options.kinds.split(","))
-        ]
         left = [options.only] if options.only is not None else list(range(options.count))
         jobs: list[Job] = []
         while left or jobs:
