@@ -230,17 +230,31 @@ CHECKS = {
     "pushed_block": Check(
         lambda summary: -np.divide(*summary["contacts"]["guide"]["force"]),
         1e-9,
-        {"time.steps": 8},
+        {"time.steps": 4},
         warned=(
             "contact.guide: the largest pressure … is at a sharp corner of block in contact at (130, 0)",
             "body.block: the largest von Mises stress … is at a sharp corner of block in contact at (130, -0.02)",
         ),
     ),
-    "rolling_wheel": Check(contact("tread", "force", 1), 1e-9, {"time.steps": 4}),
-    "cam_and_follower": Check(
-        lambda summary: -at(summary, 40.0)["lift"]["force"][1], 0.02, {"time.steps": 8}
+    "rolling_wheel": Check(
+        contact("tread", "force", 1),
+        1e-9,
+        {
+            "time.steps": 2,
+            "body.wheel.mesh.divisions": [120, 4],
+            "body.rail.mesh.divisions": [30, 4],
+        },
     ),
-    "spur_gears": Check(stiffness_of_a_pair, 0.06, {"time.steps": 8}),
+    "cam_and_follower": Check(
+        lambda summary: -at(summary, 40.0)["lift"]["force"][1],
+        0.02,
+        {
+            "time.steps": 4,
+            "body.cam.mesh.contact_size": 0.5,
+            "body.follower.mesh.divisions": [48, 20],
+        },
+    ),
+    "spur_gears": Check(stiffness_of_a_pair, 0.06, {"time.steps": 5}),
     "bolted_plates": Check(
         lambda summary: summary["bodies"]["middle"]["reaction"][0], 1e-5, ONE, "contacts.png"
     ),
@@ -294,7 +308,7 @@ CHECKS = {
         ),
     ),
     "pushed_pin": Check(
-        lambda summary: 1e-3 * at(summary, 1.0)["fit"]["force"][1], 0.01, {"time.steps": 10}
+        lambda summary: 1e-3 * at(summary, 1.0)["fit"]["force"][1], 0.01, {"time.steps": 6}
     ),
     "ball_on_floor": Check(contact("ball-floor", "pressure_max"), 0.03),
     "bolted_flange": Check(
@@ -320,7 +334,7 @@ CHECKS = {
         lambda summary: -summary["turned"]["driven"],
         0.03,
         {
-            "time.steps": 4,
+            "time.steps": 3,
             "body.driving.mesh.contact_size": 1.6,
             "body.driven.mesh.contact_size": 1.6,
             "output.animation": False,
