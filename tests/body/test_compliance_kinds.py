@@ -31,7 +31,7 @@ METHODS = {"newton": {}, "relaxation": {"theta": 0.2}}
 
 def solved(comm, method: dict) -> tuple:
     """The assembly and the certified answer of pinched blocks, and the CG iterations that they took."""
-    assembly, taken = prepare_scene(comm, pinched_blocks(6, **method)), []
+    assembly, taken = prepare_scene(comm, pinched_blocks(4, **method)), []
     for solver in (body.member.C.solver for body in assembly.bodies):
 
         def counted(f, u, once=solver._solve, ksp=solver.ksp):

@@ -340,7 +340,7 @@ def test_boxes_that_overlap_in_space(origin, size, depth, order):
 @pytest.mark.parametrize("flat", [seldom(1.0), seldom(1e-2), 1e-4])
 def test_the_nearest_of_flat_facets_is_found(flat):
     """Also of facets ten thousand times as long as high."""
-    body = moved_box((0, 0, 0), (1.0, flat, 1.0), (1, 1, 40))
+    body = moved_box((0, 0, 0), (1.0, flat, 1.0), (1, 1, 20))
     facets = body.at[body.facets[:, :-1]]
     points = facets.mean(axis=1) + np.array([0.0, 1e-2 * flat, 0.0])
     by_all = np.array(

@@ -112,16 +112,16 @@ def test_meshes_of_drawings_follow_the_results():
 @pytest.mark.slow
 def test_targets_in_space_and_of_both_kinds():
     """Both hold: the smaller error decides."""
-    scene = two_boxes(2)
+    scene = two_boxes(1)
     for each in scene["body"]:
         each["mesh"].pop("order", None)
-    one = ddmpi.solve(aiming({NORMAL: 0.05}, scene))
-    both = ddmpi.solve(aiming({NORMAL: 0.05}, scene, target_error=0.07))
-    assert one.error(NORMAL).bar <= 0.05 * one.error(NORMAL).value
-    assert both.error(NORMAL).bar <= 0.05 * both.error(NORMAL).value
-    assert both.summary["discretization_error"]["energy_norm"] <= 0.063
-    assert one.summary["discretization_error"]["energy_norm"] > 0.063
-    assert both.summary["n"] > one.summary["n"]
+    one = ddmpi.solve(aiming({NORMAL: 0.04}, scene))
+    both = ddmpi.solve(aiming({NORMAL: 0.04}, scene, target_error=0.1))
+    assert one.error(NORMAL).bar <= 0.04 * one.error(NORMAL).value
+    assert both.error(NORMAL).bar <= 0.04 * both.error(NORMAL).value
+    assert both.summary["discretization_error"]["energy_norm"] <= 0.09
+    assert one.summary["discretization_error"]["energy_norm"] > 0.09
+    assert both.summary["n"] > one.summary["n"] > levels(one)[0]["n"]
 
 
 @pytest.mark.parametrize(
@@ -336,7 +336,9 @@ def test_converge_is_a_run_with_one_target(tmp_path):
     assert all(f"{mesh['unknowns']:>10}  " in done.stdout for mesh in meshes)
     with pytest.raises(InputError, match=r"method\.target of the scene does not name it"):
         answer.meshes(ALONG)
-    missed = call("converge", str(scene), "--of", PEAK, "--output", str(tmp_path / "missed"))
+    missed = call(
+        "converge", str(scene), "--of", PEAK, "--output", str(tmp_path / "missed"), "--no-figures"
+    )
     assert missed.code == 3 and (tmp_path / "missed" / "converge.json").exists()
     assert call("converge", str(scene), "--of", NORMAL, "--within", "2").code == 2
     with pytest.raises(InputError, match="there is no result"):
@@ -347,10 +349,10 @@ def test_converge_is_a_run_with_one_target(tmp_path):
 def test_files_become_finer_for_results():
     """A number of halvings that the scene names stays, and a target in the energy norm alone asks for leave."""
     of = "contacts.punch-base.normal_force"
-    answer = ddmpi.converge("configs/punch.toml", of=of, within=0.005)
+    answer = ddmpi.converge("configs/punch.toml", of=of, within=0.01)
     assert answer.certified and len(answer.meshes(of)) > 1
     both = [f"body.{k}.mesh.refine" for k in (0, 1)]
-    fixed = ddmpi.converge("configs/punch.toml", of, 0.005, overrides=dict.fromkeys(both, 0))
+    fixed = ddmpi.converge("configs/punch.toml", of, 0.01, overrides=dict.fromkeys(both, 0))
     assert len(fixed.meshes(of)) == 1
     assert (
         'of punch and of base is given: allow finer ones by mesh.refine = "as needed"'

@@ -180,14 +180,14 @@ def rolling(order: int, slave: str, moment: float = 0.0) -> dict:
                 "shape": "box",
                 "origin": [-2.0, -2.0, z],
                 "size": [4.0, 4.0, 1.0],
-                "divisions": [6, 6, 2],
+                "divisions": [5, 5, 2],
             },
         }
         for name, z in (("low", -1.0), ("high", 2.0))
     )
     low["clamp"] = ["bottom"]
     high["clamp"] = [{"on": "top", "x": 0.0, "y": 0.0, "z": -0.01}]
-    mesh = {"shape": "ball", "center": [0.13, -0.21, 1.0], "radius": 1.0, "size": 0.6}
+    mesh = {"shape": "ball", "center": [0.13, -0.21, 1.0], "radius": 1.0, "size": 0.7}
     ball = {
         "name": "ball",
         "mesh": mesh | {"order": order},
@@ -350,7 +350,7 @@ def test_held_motions_on_two_ranks(comm):
 @pytest.mark.slow
 def test_a_prepared_model_holds_anew():
     """Friction determines the turn, and without it the model holds it: each answer is that of a run by itself."""
-    scene = shaft((40, 46), [-2.68, -2.68])
+    scene = shaft((20, 23), [-2.68, -2.68], 1)
     rough = {"contact.shaft-bush.friction": {"law": "coulomb", "coefficient": 0.2}}
     with ddmpi.prepare(scene) as model:
         answers = [model.solve(change) for change in ({}, rough, {})]
@@ -419,7 +419,7 @@ def test_a_faint_motion_is_balanced_by_loads():
 @pytest.mark.slow
 def test_a_released_motion_stays_released_after_a_restart(tmp_path, monkeypatch):
     """A run that goes on does not hold again what loads have driven; its steps take as many iterations."""
-    scene = shaft((40, 46), [1.0, -3.0], 1) | {
+    scene = shaft((20, 23), [1.0, -3.0], 1) | {
         "time": {"points": [1.0], "steps": 4},
         "checkpoint": {"iterations": 1},
         "output": {"steps": "all", "stress": False},
@@ -489,7 +489,7 @@ def test_a_shaft_in_a_split_bush_is_that_in_a_whole_one(around, order):
         (24, {"tolerance": 1e-12}),
         seldom(24, {"compliance": "iterative"}),
         *(seldom(around, {"tolerance": 1e-10}) for around in (40, 60)),
-        *(seldom(around, {"compliance": "iterative"}) for around in (40, 60)),
+        seldom(40, {"compliance": "iterative"}),
     ],
 )
 def test_shares_of_a_force_settle_to_any_tolerance(around, method):

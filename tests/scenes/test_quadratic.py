@@ -24,7 +24,7 @@ def test_all_methods_give_the_same_forces(comm):
     """Newton's method, the published iteration, and brute force."""
     from ddmpi.run.solve import solve
 
-    assembly = scenes.prepare_scene(comm, blocks(12, 2))
+    assembly = scenes.prepare_scene(comm, blocks(6, 2))
     answer, exact = solve(assembly, assembly.scene.method), scenes.exact_forces(assembly)
     assert answer.certified
     size = np.linalg.norm(exact)
@@ -32,7 +32,7 @@ def test_all_methods_give_the_same_forces(comm):
         np.linalg.norm(scenes.everywhere(assembly, answer.outer.forces) - exact)
         <= answer.limit * size
     )
-    published = solve_scene(comm, blocks(12, 2, outer="relaxation", tolerance=1e-6))
+    published = solve_scene(comm, blocks(6, 2, outer="relaxation", tolerance=1e-6))
     forces = np.concatenate(
         [published["normal_force"], published["tangential_force"][published["sliding"]]]
     )
