@@ -144,7 +144,8 @@ def test_an_assembly_with_a_bolt_becomes_a_scene_that_lacks_a_force(tmp_path, ca
     assert "thread of part_3 in part_1: on = ['cylinder r=3 at " in said
     assert "  materials, clamps, loads and friction, forces of bolts (# to be filled in); " in said
     target = tmp_path / "made" / "scene.toml"
-    text = target.read_text()
+    text = target.read_text().replace("order = 2", "around = 9")  # cheaper meshes
+    assert text.count("around = 9") == 3
     (line,) = [each for each in text.splitlines() if each.startswith("pretension")]
     assert line.startswith("pretension = { along = [0.0, 0.0, 1.0] }  # to be filled in: force = ")
     bottom = "plane n=(0, 0, -1) at (9, 0, -10)"
