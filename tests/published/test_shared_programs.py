@@ -13,7 +13,7 @@ from ddmpi.sets import Box, Discs, product
 pytestmark = pytest.mark.slow
 
 one_to_three_ranks = pytest.mark.mpi(ranks=[1, 2, 3])
-SIZE, CONDITION, PRECISION = 120, 1e4, 1e-7
+SIZE, CONDITION, PRECISION = 120, 1e3, 1e-7
 PARTS = {1: [0, 120], 2: [0, 3, 120], 3: [0, 100, 103, 120]}
 """Where the unknowns of each rank begin."""
 
