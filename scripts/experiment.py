@@ -244,5 +244,8 @@ def on_two_ranks(main: Callable[[MPI.Comm], None]) -> Callable[[], None]:
             sys.exit(f"two ranks, please: scripts/study {Path(sys.argv[0]).stem} starts them")
         main(world)
         gc.collect()
+        done = world.Ibarrier()
+        while not done.Test():  # at the end of MPI one rank would spin while the other one draws
+            time.sleep(0.05)
 
     return guarded

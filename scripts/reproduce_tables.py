@@ -302,7 +302,12 @@ def main(world: MPI.Comm) -> None:
             (tuple(options.sizes), tuple(options.laws)) == (SIZES, LAWS),
             {r"\*\*In short\.\*\*.*": short},
             lambda folder: save_figures(
-                folder, {f"tables_{law}": functools.partial(draw_tables, law, rows) for law in LAWS}
+                folder,
+                {
+                    f"tables_{law}": functools.partial(draw_tables, law, rows)
+                    for law in LAWS
+                    if where(rows, law=law)
+                },
             ),
         )
         print(short, f"\n\nPage and figures are in {options.output}")

@@ -260,16 +260,17 @@ class Trade:
     ----------
     folder : meshes go into it
     finest : N of the reference solutions, by scene
+    most : runs of less than `SHORT` are so many
     """
 
-    def __init__(self, folder: Path, finest: dict[str, int]) -> None:
-        self.folder, self.finest = folder / "meshes", finest
+    def __init__(self, folder: Path, finest: dict[str, int], most: int) -> None:
+        self.folder, self.finest, self.most = folder / "meshes", finest, most
         self.folder.mkdir(parents=True, exist_ok=True)
 
     def solved(self, case: Case) -> tuple[Answer, float]:
-        """The answer on this rank alone, and the processor time that it took; the least of up to three runs."""
+        """The answer on this rank alone, and the processor time that it took; the least of up to `most` runs."""
         scene, least = make_scene(case, self.folder), np.inf
-        for _ in range(3):
+        for _ in range(self.most):
             start = time.process_time()
             answer = ddmpi.solve(scene, MPI.COMM_SELF)
             least = min(least, time.process_time() - start)
@@ -629,6 +630,9 @@ def main() -> None:
         metavar="N",
         help=f"mesh of the reference solutions; finer meshes of the same scene are left out (default: {FINE})",
     )
+    parser.add_argument(
+        "--runs", type=int, default=3, help="of a case that takes less than half a second"
+    )
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     for asked, write in ((options.orders, write_orders), (options.unseen, write_unseen)):
@@ -637,7 +641,7 @@ def main() -> None:
     if options.orders or options.unseen:
         return
     finest = {scene: options.finest or N for scene, N in FINE.items()}
-    trade = Trade(options.output, finest)
+    trade = Trade(options.output, finest, options.runs)
     cases = [
         case
         for case in CASES

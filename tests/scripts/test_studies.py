@@ -45,10 +45,10 @@ STUDIES = {
         "--sizes 6 --laws tresca",
         ("| 504 \\| 18 | 36 · ", "8 of them converged and certified"),
         1,
-        2,
+        1,
     ),
     "tradeoff": (
-        "--finest 2 --scenes boxes",
+        "--finest 2 --scenes boxes --runs 1",
         ("| order 1, N = 2, pairs | ", "| order 2, N = 2, mortar | "),
         1,
         0,
