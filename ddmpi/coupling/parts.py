@@ -171,7 +171,8 @@ def _mesh(share: Share, part: Part, folder: Path, sizes: Sizes | None, contacts:
     try:
         drawn = kept.get("drawn", spec.name, depends, lambda: build(home))
     except InputError:
-        build({})  # which says where
+        if home:
+            build({})  # which says where
         raise
     whole = kept.key("drawn", spec.name), placement.turned
     mesh = kept.get("shape", spec.name, whole, lambda: drawn.turned(placement.turned))

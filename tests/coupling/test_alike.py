@@ -242,3 +242,25 @@ def test_mistakes_are_where_bodies_are():
     scene["contact"][3]["on"] = ["top", "top"]
     with pytest.raises(InputError, match=r"begins at \(0\.5, 1\.25\)"):
         ddmpi.solve(scene)
+
+
+def test_a_mesh_that_is_refused_is_made_again_only_where_its_place_is_another(tmp_path):
+    """A shape is made at the origin first, so that its message needs its own place; a drawing is meshed once."""
+    (tmp_path / "part.geo").write_text("")
+    scene = pile(
+        [rectangle(name, [1.0, y], [1.0, 1.0], [1, 1]) for name, y in (("a", 0.0), ("b", 1.0))],
+        ("bottom", "top"),
+    )
+    for mesh, times in (
+        (scene["body"][0]["mesh"], 2),
+        ({"geometry": str(tmp_path / "part.geo"), "size": 1.0}, 1),
+    ):
+        scene["body"][0]["mesh"] = mesh
+        with (
+            mock.patch(
+                "ddmpi.coupling.parts.build_mesh", side_effect=InputError("refused")
+            ) as build,
+            pytest.raises(InputError, match="refused"),
+        ):
+            prepare(MPI.COMM_SELF, read_scene("scene", scene))
+        assert build.call_count == times
