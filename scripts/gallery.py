@@ -314,7 +314,9 @@ CHECKS = {
     "bolted_flange": Check(
         bolt_over_joint,
         5e-3,
-        ONE,
+        ONE
+        | {"body.bolt.mesh.around": 12, "body.casing.mesh.around": 12}
+        | {"body.flange.mesh.size": 14, "body.casing.mesh.size": 14},
         warned=(
             "contact.head: the largest pressure … is at a sharp edge of bolt in contact at (",
             "body.bolt: the largest von Mises stress … is at a re-entrant edge at (",
