@@ -304,7 +304,13 @@ def drawn_parts(tmp_path) -> dict:
     bodies = [
         {
             "name": name,
-            "mesh": {"geometry": "all.step", "part": k, "size": 2.0, "contact_size": 1.0},
+            "mesh": {
+                "geometry": "all.step",
+                "part": k,
+                "size": 2.0,
+                "contact_size": 1.0,
+                "around": 9,
+            },
             "material": {"young": 1.0, "poisson": 0.3},
         }
         | ({"clamp": [1]} if k == block else {})
