@@ -6,14 +6,18 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-from multiprocessing import util
+import tempfile
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from ddmpi.system import interrupt
 
 CONTEXT = multiprocessing.get_context("forkserver")
-util.get_temp_dir()  # of the server's socket: not one that the first test to start it may have set
+# The folder of the server's socket goes with the others of this run, which ranks and workers that end at once leave behind;
+# it is none that the first test to start the server may have set.
+multiprocessing.current_process()._config["tempdir"] = tempfile.mkdtemp(
+    prefix="forked-", dir=os.environ.get("PYTEST_DEBUG_TEMPROOT")
+)
 CONTEXT.set_forkserver_preload(
     ["gmsh", "h5py", "meshio", "ddmpi.mesh.geometry", "ddmpi.system.hdf5"]
 )
