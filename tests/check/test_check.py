@@ -25,9 +25,10 @@ from solid_scenes import HELD, box, two_boxes
 from ddmpi.check.check import check
 from ddmpi.check.drawing import Plan, as_results, draw, draw_contacts
 from ddmpi.check.faces import _smooth
-from ddmpi.check.nearby import NEAR, Boundary, Missing, find_missing
+from ddmpi.check.nearby import NEAR, Boundary, Missing, _together, find_missing
 from ddmpi.coupling.assembly import prepare
 from ddmpi.errors import InputError, InterruptionError, NotConvergedError
+from ddmpi.mesh.mesh import Face
 from ddmpi.mesh.read import gmsh_session
 from ddmpi.scene.reader import read_scene
 from meshes import mesh_of
@@ -321,6 +322,20 @@ def drawn_parts(tmp_path) -> dict:
         "rigid": [{"name": "wall", "shape": "plane", "point": [0, 0, -1], "normal": [0, 0, 1]}],
         "contact": [{"bodies": ["block", "wall"], "on": [[5]]}],
     }
+
+
+@pytest.mark.parametrize("smooth, together", [({("1", "2"), ("2", "1")}, [2]), (set(), [1, 1])])
+def test_halves_of_a_pin_and_its_bore_are_one_contact(smooth, together):
+    """Whether the pin has other faces or none: all meet without a corner; with corners they are two."""
+    face = Face("cylinder", 1.0, 1.0, (0.0, 0.0, 0.0))
+    empty = np.empty(0)
+    pin, block = (
+        Boundary(empty, empty, empty, {}, dict.fromkeys(faces, face), smooth)
+        for faces in ("12", "123")
+    )
+    pairs = [("1", "2"), ("2", "1")]
+    for bodies in [(pin, block), (block, pin)]:
+        assert [len(some) for some in _together(pairs, bodies)] == together
 
 
 @pytest.mark.slow
