@@ -109,6 +109,22 @@ def test_a_disc_drawn_anywhere_in_a_bore_is_pressed_to_where_its_load_points(cle
     assert held["moment"] <= 1e-9
 
 
+def test_held_motions_are_in_the_order_of_the_scene():
+    """Whichever of two discs in bores of their own its facets resist more."""
+    scene: dict = {"body": [], "rigid": [], "contact": []}
+    for name, at, number in (("fine", 0.0, 17), ("coarse", 20.0, 13)):
+        mesh = {"shape": "annulus", "center": [at, -0.1], "radii": [3.0, 5.0], "order": 2}
+        mesh |= {"angles": [0.0, 360.0], "divisions": [number, 1]}
+        body = {"name": name, "mesh": mesh, "material": STEEL, "volume_force": [0.0, -1.0]}
+        bore = {"shape": "circle", "name": f"{name}-bore", "center": [at, 0.0], "inside": True}
+        scene["body"].append(body)
+        scene["rigid"].append(bore | {"radius": 5.1})
+        scene["contact"].append({"bodies": [name, f"{name}-bore"], "on": ["outer"]})
+    for bodies in (scene["body"], scene["body"][::-1]):
+        told = certified(scene | {"body": bodies}).summary["held_motions"]
+        assert [held["body"] for held in told] == [body["name"] for body in bodies]
+
+
 @pytest.mark.parametrize("order", [seldom(1), 2])
 def test_a_load_aslant_leaves_no_moment(order):
     """It goes through the shaft's axis, about which the bush's forces have no moment, whatever the gap as drawn."""

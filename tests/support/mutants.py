@@ -433,7 +433,7 @@ MUTANTS = [
             "run/held",
             "told = sorted(told[:-1], key=lambda one: (order.get(one.body, len(named)), one.motion))",
             "told = sorted(told[:-1], key=lambda one: (-order.get(one.body, len(named)), one.motion))",
-            f"{HELD}::test_two_free_turns_in_load_steps",
+            f"{HELD}::test_held_motions_are_in_the_order_of_the_scene",
         ),
         (
             "the rounding of a motion past an image counts as one",
