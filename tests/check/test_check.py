@@ -564,6 +564,38 @@ ON_A_PLANE = {
 }
 
 
+def test_what_a_contact_leaves_of_two_sides_is_missing():
+    """Of two halves that face one side, the one that the contact does not name; whichever body comes first."""
+    lower = mesh_of(shape="rectangle", origin=(0.0, 0.0), size=(2.0, 1.0), divisions=(4, 1))
+    upper = mesh_of(shape="rectangle", origin=(0.0, 1.0), size=(2.0, 1.0), divisions=(4, 1))
+    top = lower.groups["top"]
+    left = (lower.points[top][:, :, 0] <= 1.0).all(axis=1)
+    groups = {**lower.groups, "left half": top[left], "right half": top[~left]}
+    del groups["top"]
+    lower = lower.regrouped(groups, lower.curves, lower.vertices)
+    boundaries = {"lower": Boundary.of(lower), "upper": Boundary.of(upper)}
+    contact = SimpleNamespace(bodies=("upper", "lower"), on=("bottom", "left half"))
+    for some in (boundaries, dict(reversed(boundaries.items()))):
+        (missing,) = find_missing(some, [], [contact])
+        assert {*zip(missing.bodies, missing.on, strict=True)} == {
+            ("lower", "right half"),
+            ("upper", "bottom"),
+        }
+
+
+def test_a_body_on_the_middle_of_a_large_facet_is_found():
+    """No middle of the larger body's facets is before it; whichever body comes first."""
+    base = mesh_of(shape="rectangle", origin=(0.0, 0.0), size=(8.0, 1.0), divisions=(2, 1))
+    small = mesh_of(shape="rectangle", origin=(1.0, 1.0), size=(0.5, 0.5), divisions=(2, 2))
+    boundaries = {"base": Boundary.of(base), "small": Boundary.of(small)}
+    for some in (boundaries, dict(reversed(boundaries.items()))):
+        (missing,) = find_missing(some, [], [])
+        assert {*zip(missing.bodies, missing.on, strict=True)} == {
+            ("base", "top"),
+            ("small", "bottom"),
+        }
+
+
 def test_the_least_and_the_largest_gap_of_a_missing_contact():
     """A block over a plane, whose bottom rises: gaps are those of the middles of its facets, along their normals."""
     corners = ((0.0, 0.01), (1.0, 0.05), (1.0, 1.0), (0.0, 1.0))
