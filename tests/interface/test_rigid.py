@@ -61,6 +61,8 @@ def test_a_boundary_that_does_not_face_the_surface_is_refused():
         in text
     )
     refused(side(block(), "left"), FLOOR, COULOMB, "seam")
+    arch = ring(0.5, 1.0, np.radians([30.0, 60.0, 90.0, 110.0]), closed=False)
+    assert "near (0.866025, 0.5) the" in refused(side(arch, "outer"), FLOOR, COULOMB, "seam")
     refused(
         side(block(), "bottom"),
         Plane(name="floor", point=(0.0, 0.0), normal=(0.0, -1.0)),

@@ -181,6 +181,14 @@ def test_arrays_that_are_no_mesh_are_refused(change, words):
     certified(pressed(square()))
 
 
+@pytest.mark.parametrize("key", ["points", "cells"])
+def test_arrays_without_points_or_cells_are_refused(key):
+    """They are told as arrays, not as a file's mesh."""
+    arrays = square()
+    del arrays[key]
+    assert_refused(pressed(arrays), f"{key} is missing")
+
+
 def test_a_mesh_of_meshio_with_nodes_that_are_not_there_is_refused():
     mesh = of_meshio()
     mesh.cells[0].data = mesh.cells[0].data + 20

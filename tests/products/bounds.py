@@ -1528,11 +1528,12 @@ def few(past: bool) -> dict:
 
 
 def open_by_rounding(past: bool) -> dict:
-    """Sides that are apart by 1e-9 of what their bodies move by along them."""
+    """Sides that are apart by 1e-9 of what their bodies move by along them at one end, and by half of it at the other."""
     way = 0.0371
     walls = [{"on": on, "x": way} for on in ("left", "right")]
     lower = {"clamp": [*walls, STRAIN.hold("bottom")]}
-    gap = 1e-9 * way * (0.99 if past else 1.01)
+    more = 0.49 if past else 0.51
+    gap = f"{1e-9 * way} * (0.5 + {more} * (x - {LOW[2][0]}) / {WIDTH})"
     return stacked({"clamp": [*walls, STRAIN.hold("top")]}, lower, gap=gap)
 
 

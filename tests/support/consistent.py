@@ -6,6 +6,7 @@ with the summary.
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,11 @@ def close(found: Any, expected: Any, size: float, what: str) -> None:
     assert np.asarray(found, float) == pytest.approx(expected, rel=1e-6, abs=1e-6 * size), what
 
 
-def assert_consistent(answer: Any) -> None:
-    """Of an answer in one process."""
+def assert_consistent(answer: Any, left: float = 1e-6) -> None:
+    """Of an answer in one process; `left` is what forces and moments may leave of balance.
+
+    More than rounding is left where gaps and curved sides are lever arms, and where a motion is held.
+    """
     counts(answer)
     for name, contact in answer.contacts.items():
         of_table(answer.summary, name, contact.table())
@@ -30,7 +34,9 @@ def assert_consistent(answer: Any) -> None:
     for name, fields in answer.bodies.items():
         of_fields(answer.summary, name, fields)
     reach = {name: float(np.abs(fields.points).max()) for name, fields in answer.bodies.items()}
-    balances(answer.summary, reach)
+    words = " ".join(answer.summary["warnings"])
+    if not re.search("are negligible beside|forces are uncertain", words):
+        balances(answer.summary, reach, left)
     energies(answer.summary)
 
 
@@ -54,8 +60,12 @@ def counts(answer: Any) -> None:
     assert summary["outer_iterations"] == len(history)
     for contact in contacts:
         assert contact["m"] == contact["open"] + contact["slip"] + contact["stick"]
+    pushed = any(
+        partner["force"] or partner["moment"] is not None for partner in summary["scene"]["rigid"]
+    )
     if len(history):
         assert (np.diff(history["n_A"]) >= 0).all()
+    if len(history) and not (pushed or summary["held_motions"] or summary["undetermined"]):
         for status in ("open", "slip", "stick"):
             assert history[status][-1] == sum(contact[status] for contact in contacts), status
     level = summary["discretization_error"]["levels"][-1]
@@ -68,7 +78,6 @@ def counts(answer: Any) -> None:
     for kind, value in summary["certificate"].items():
         largest = max(entry["certificate"].get(kind, 0.0) for entry in (*bodies, *contacts))
         assert 0.0 <= largest <= value <= summary["certificate_limit"], kind
-        pushed = any(rigid["force"] for rigid in summary["scene"]["rigid"])
         assert value == largest or pushed or any("pretension" in each for each in contacts), kind
     steps = summary.get("steps") or []
     cycles = "cycles" in summary  # of them the steps of the last one are kept
@@ -120,8 +129,11 @@ def of_table(summary: dict, name: str, table: np.ndarray) -> None:
             close(table["normal_stress"] * area, table["normal_force"], size, "stress")
             close(table["tangential_stress"] * area, table["tangential_force"], size, "shear")
         close(told["pressure_max"], table["normal_stress"].max(), stress, "largest pressure")
-        place = first(table["normal_stress"], at)
-        close(told["pressure_max_at"], place, far, "place of the largest pressure")
+        if told["pressure_max"]:
+            place = first(table["normal_stress"], at)
+            close(told["pressure_max_at"], place, far, "place of the largest pressure")
+        else:
+            assert told["pressure_max_at"] is None
         close(told["pressure_mean"] * area.sum(), told["normal_force"], size, "mean pressure")
     used = table["utilisation"]
     assert (used >= 0.0).all() and used.max(initial=0.0) <= 1.0 + 1e-6
@@ -156,10 +168,10 @@ def gaps(answer: Any, name: str, table: np.ndarray) -> None:
     first_body, second = (answer.bodies.get(body) for body in contact["bodies"])
     if told["slave"] is not None or first_body.in_frame is not None:
         return
-    if contact["image"] or contact["pretension"]:
+    if contact["image"] or contact["pretension"] or len({*contact["bodies"]}) < 2:
         return
     rigid = next((one for one in scene["rigid"] if one["name"] == contact["bodies"][1]), None)
-    if summary["order"] == 2 and first_body.points.shape[1] == 3:
+    if summary["order"] == 2 and (first_body.points.shape[1] == 3 or scene["axisymmetric"]):
         return  # lines are where the force acts, beside vertices
     if (rigid and rigid["shape"] != "plane") or not isinstance(contact["gap"] or 0.0, float):
         return
@@ -167,19 +179,25 @@ def gaps(answer: Any, name: str, table: np.ndarray) -> None:
     at = np.column_stack([table[each] for each in axes])
     normal = np.column_stack([table[f"n{each}"] for each in axes])
 
-    def moved(fields: Any) -> np.ndarray:
+    def at_nearest(fields: Any, values: np.ndarray) -> np.ndarray:
         away = np.abs(fields.points[None] - at[:, None]).max(axis=2)
-        return fields.displacement[away.argmin(axis=1)]
+        return values[away.argmin(axis=1)]
 
-    gap = contact["gap"] or 0.0
-    u = moved(first_body)
+    gap = contact["gap"]
+    u = at_nearest(first_body, first_body.displacement)
     if rigid:
         if "turn" in summary["rigid"][rigid["name"]]:
             return
         v = np.array(summary["rigid"][rigid["name"]]["displacement"]) + 0.0 * u
-        gap = gap + np.einsum("md,md->m", np.array(rigid["point"]) - at, normal)
+        gap = (gap or 0.0) + np.einsum("md,md->m", np.array(rigid["point"]) - at, normal)
     else:
-        v = moved(second)
+        v = at_nearest(second, second.displacement)
+        if gap is None:
+            gap = np.einsum(
+                "md,md->m",
+                at_nearest(second, second.points) - at_nearest(first_body, first_body.points),
+                normal,
+            )
     apart, size = v - u, max(np.abs(u).max(), np.abs(v).max())
     across = np.einsum("md,md->m", apart, normal)
     close(table["gap"], across + gap, size, "gap")
@@ -249,30 +267,34 @@ def stored(summary: dict, told: dict, corners: np.ndarray, fields: Any) -> None:
     close(told["energy"], energy, abs(energy) + 1e-6 * acting * told["displacement_max"], "energy")
 
 
-def balances(summary: dict, reach: dict[str, float]) -> None:
+def balances(summary: dict, reach: dict[str, float], left: float) -> None:
     """Forces and moments on each body, which is so far from the origin, and on each rigid partner."""
     scene, contacts = summary["scene"], summary["contacts"]
     axis = summary["scene"]["axisymmetric"]
     partners = {one["name"]: one["bodies"] for one in scene["contact"]}
+    turned = {name for one in scene["contact"] if one["image"] for name in one["bodies"]}
+    free = summary["held_motions"] or (scene["time"] or {}).get("motions") == "far"
     for name, partner in summary["rigid"].items():
         on = [one for one, bodies in partners.items() if bodies[1] == name]
         total = sum(np.array(contacts[one]["force"], float) for one in on)
         size = sum(abs(contacts[one]["normal_force"]) for one in on)
         close(partner["force"], -total, size, f"force on {name}")
+    acting = [
+        part
+        for told in summary["bodies"].values()
+        for part in (*told["reactions"].values(), *told["loads"].values())
+    ]
+    every = sum(np.abs(part["force"]).sum() + np.abs(part["moment"]).sum() for part in acting)
+    every += sum(abs(contact["normal_force"]) for contact in contacts.values())
     for body in scene["body"]:
         name = body["name"]
         told = summary["bodies"][name]
-        parts = [*told["reactions"].values()]
-        acting = [*parts, *told["loads"].values()]
-        size = sum(np.abs(part["force"]).sum() + np.abs(part["moment"]).sum() for part in acting)
-        size += sum(
-            abs(contacts[one]["normal_force"]) for one, on in partners.items() if name in on
-        )
+        parts, size = [*told["reactions"].values()], every
         reaction = sum(
             (np.array(part["force"], float) for part in parts), 0.0 * np.array(told["reaction"])
         )
         close(told["reaction"], reaction, size, f"reactions of {name}")
-        if axis or body.get("temperature"):
+        if axis or body.get("temperature") or name in turned:
             continue
         force, moment = reaction, sum(np.array(part["moment"], float) for part in parts)
         for part in told["loads"].values():
@@ -283,8 +305,10 @@ def balances(summary: dict, reach: dict[str, float]) -> None:
                 if who == name:
                     force = force + sign * np.array(contacts[one]["force"])
                     moment = moment + sign * np.array(contacts[one]["moment"])
+        size = 1e6 * left * size
         close(force, 0.0 * force, size, f"balance of {name}")
-        close(moment, 0.0 * moment, size * (1.0 + reach[name]), f"moments of {name}")
+        if not free:
+            close(moment, 0.0 * moment, size * (1.0 + reach[name]), f"moments of {name}")
 
 
 def energies(summary: dict) -> None:

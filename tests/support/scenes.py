@@ -473,8 +473,12 @@ def prepare_scene(comm, scene: dict):
     return prepare(comm, read_scene("scene of a test", to_toml(scene)))
 
 
-def certified(scene: dict, comm=None, **overrides):
-    """The certified answer to a scene, on one rank without `comm`; in names of `overrides` __ stands for a dot."""
+def certified(scene: dict, comm=None, left: float = 1e-3, **overrides):
+    """The certified answer to a scene, on one rank without `comm`; in names of `overrides` __ stands for a dot.
+
+    On one rank its numbers agree with each other; forces and moments on bodies balance but for `left` of the largest.
+    """
+    from consistent import assert_consistent
     from mpi4py import MPI
 
     import ddmpi
@@ -482,6 +486,8 @@ def certified(scene: dict, comm=None, **overrides):
     settings = {key.replace("__", "."): value for key, value in overrides.items()}
     answer = ddmpi.solve(scene, comm or MPI.COMM_SELF, settings)
     assert answer.certified, answer.reason
+    if answer.summary["ranks"] == 1:
+        assert_consistent(answer, left)
     return answer
 
 
