@@ -61,25 +61,25 @@ SLIDE, TURN = (
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("axis", [seldom([0.0, 0.0, 1.0]), [1.0, -2.0, 0.5]])
-def test_a_motion_of_both_bodies_changes_nothing(axis):
+def test_a_motion_of_both_bodies_changes_nothing():
     """Turned about any axis, forces, moments, reactions and stresses turn along, and nothing slips."""
+    axis = [1.0, -2.0, 0.5]
     together = {"shift": [0.3, 0.1, -2.0], "turn": 110.0, "axis": axis, "pivot": [0.2, 0.4, 0.1]}
-    answer = certified(pressed(SLIDE, together=together))
+    answer = certified(pressed(SLIDE, steps=2, together=together))
     frame = Frame.of(
         together["shift"], 110.0 * np.array(axis) / np.linalg.norm(axis), together["pivot"]
     )
-    before, after = forces(answer)[[5, -1]]
+    before, after = forces(answer)[[3, -1]]
     assert after == pytest.approx(frame.along(before), rel=1e-7)
     steps = answer.summary["steps"]
-    moments = [np.array(steps[k]["contacts"]["block-plate"]["moment"]) for k in (5, -1)]
+    moments = [np.array(steps[k]["contacts"]["block-plate"]["moment"]) for k in (3, -1)]
     assert moments[1] == pytest.approx(
         frame.along(moments[0]) + np.cross(frame.shift, after), rel=1e-6
     )
     lost = [step["contacts"]["block-plate"]["dissipated"] for step in steps]
-    assert sum(lost[6:]) < 1e-6 * sum(lost[3:6])
+    assert sum(lost[4:]) < 1e-6 * sum(lost[2:4])
     assert answer.summary["bodies"]["plate"]["reaction"] == pytest.approx(after, rel=1e-6)
-    still = certified(pressed(SLIDE))
+    still = certified(pressed(SLIDE, steps=2))
     for name in ("block", "plate"):
         assert answer.solved.fields[name].stress == pytest.approx(
             stress_turned(still.solved.fields[name].stress, frame.turned), abs=1e-5
@@ -105,7 +105,7 @@ def ball(turn: float = 20.0, steps: int = 3) -> dict:
     return {
         "time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
         "history": {"load": history(0.0, 1.0), "roll": history(1.0, 2.0)},
-        "body": [box("plate", [-0.5, -0.4, -0.3], [1.4, 0.8, 0.3], [21, 12, 3], clamp=["bottom"])],
+        "body": [box("plate", [-0.5, -0.4, -0.3], [1.4, 0.8, 0.3], [14, 8, 2], clamp=["bottom"])],
         "rigid": [
             {
                 "name": "ball",
@@ -143,7 +143,7 @@ def test_a_ball_rolls_where_forces_take_it():
     assert all(1 < step["passes"] < 12 for step in answer.summary["steps"])
 
 
-def flap(moment, axis) -> dict:
+def flap(moment, axis, n: int = 9) -> dict:
     """A board on a hinge along an axis, that a moment presses onto a plate."""
     motion = {"free": ["turn"], "pivot": [0.0, 0.0, 0.3], "moment": moment, "history": "load"}
     return {
@@ -158,7 +158,7 @@ def flap(moment, axis) -> dict:
                 clamp=["top"],
                 motion=motion | ({"axis": axis} if axis else {}),
             ),
-            box("plate", [0.0, -1.0, -0.4], [2, 2, 0.4], [9, 9, 2], clamp=["bottom"]),
+            box("plate", [0.0, -1.0, -0.4], [2, 2, 0.4], [n, n, 2], clamp=["bottom"]),
         ],
         "contact": [{"bodies": ["board", "plate"], "on": ["bottom", "top"], "friction": COULOMB}],
     }
@@ -278,7 +278,8 @@ def test_what_cannot_be_in_space_is_refused(made, words):
 @pytest.mark.slow
 def test_files_are_of_the_world(tmp_path):
     """frames.csv, displacements with and without the motion, and pictures of where solids are."""
-    made = pressed(TURN, steps=2) | {"output": {"steps": "all", "figures": True, "animation": True}}
+    made = pressed(TURN, steps=1, n=2)
+    made["output"] = {"steps": "all", "figures": True, "animation": True}
     run = run_here(write_scene(made, tmp_path / "scene.toml"), tmp_path / "results")
     folder, frames = run.folder, run.table("frames.csv")
     shift, turn = (
@@ -302,7 +303,8 @@ def test_files_are_of_the_world(tmp_path):
 @pytest.mark.mpi(ranks=2)
 def test_solids_move_far_on_two_ranks(comm):
     """As on one rank, prescribed and free."""
-    for made in (pressed(SLIDE, steps=1, n=2), flap(2.0, [0.0, 1.0, 0.0])):
+    for made in (pressed(SLIDE, steps=1, n=2), flap(2.0, [0.0, 1.0, 0.0], 5)):
+        made["time"]["steps"] = 1
         many = ddmpi.solve(made, comm)
         if comm.rank == 0:
             assert forces(many) == pytest.approx(forces(ddmpi.solve(made, MPI.COMM_SELF)), abs=2e-4)
@@ -401,7 +403,7 @@ def test_a_shift_that_facets_tilt_is_held_as_a_coarse_one(tilt, coarse, kept):
 @pytest.mark.slow
 def test_a_ball_of_order_1_rests_in_a_bowl_that_moves():
     """It goes along and does not turn, by facets that drive it less than normals are off; it came to no rest."""
-    mesh = {"shape": "ball", "center": [0.0, 0.0, -0.5], "radius": 1.0, "size": 0.6}
+    mesh = {"shape": "ball", "center": [0.0, 0.0, -0.5], "radius": 1.0, "size": 0.8}
     way = [0.3, 0.1, 0.2]
     scene = {
         "time": {"points": [1.0, 2.0], "steps": 1, "motions": "far"},

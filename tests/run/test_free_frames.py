@@ -108,19 +108,24 @@ def lever(moment: float = -3.0, friction: dict = COULOMB) -> dict:
 
 
 def axle(
-    turn: float = -40.0, force: tuple[float, float] = (-0.5, -8.0), rigid: bool = False
+    turn: float = -40.0,
+    force: tuple[float, float] = (-0.5, -8.0),
+    rigid: bool = False,
+    steps: int = 4,
+    coarse: int = 1,
 ) -> dict:
     """A wheel, elastic or rigid, on a plate: its turn is prescribed, forces decide where its axle goes."""
     motion = [
         {"turn": turn, "pivot": [0.0, 1.0], "history": "roll"},
         {"free": ["x", "y"], "force": list(force), "history": "load"},
     ]
-    wheel = ring("wheel", (0.0, 1.0), (0.4, 1.0), (120, 6), clamp=["inner"], motion=motion)
+    divisions, rows = (120 // coarse, 6 // coarse), (120 // coarse + 1, 10 // coarse)
+    wheel = ring("wheel", (0.0, 1.0), (0.4, 1.0), divisions, clamp=["inner"], motion=motion)
     made = {
-        "time": {"points": [1.0, 2.0], "steps": 4, "motions": "far"},
+        "time": {"points": [1.0, 2.0], "steps": steps, "motions": "far"},
         "history": {"load": history(0.0, 1.0), "roll": history(1.0, 2.0)},
         "body": [
-            rectangle("plate", (-1, -1), (3, 1), (121, 10), young=1000.0, clamp=["bottom"]),
+            rectangle("plate", (-1, -1), (3, 1), rows, young=1000.0, clamp=["bottom"]),
             wheel,
         ],
         "contact": [
@@ -155,16 +160,16 @@ def gone(answer, name: str) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("order", [1, 2])
-def test_a_loose_disc_rolls_in_a_bore_that_turns(order):
+@pytest.mark.parametrize(("order", "coarse"), [(1, 3), (2, 1)])
+def test_a_loose_disc_rolls_in_a_bore_that_turns(order, coarse):
     """At the bottom N is its weight and T nothing; its turn is that of the bore times the ratio of radii."""
-    answer = certified(rolling(order=order))
+    answer = certified(rolling(order=order, steps=3, coarse=coarse))
     T, N = forces(answer).T
     weight = -answer.summary["bodies"]["disc"]["loads"]["volume_force"]["force"][1]
-    assert weight == pytest.approx(WEIGHT, rel=2e-3)
+    assert weight == pytest.approx(WEIGHT, rel=5e-3)
     assert pytest.approx(np.full(len(N), weight), rel=1e-9) == N and np.abs(T).max() < 1e-8 * weight
-    turned = np.radians(np.diff(gone(answer, "disc")[4:, 2]))
-    assert turned == pytest.approx(np.full(5, np.radians(3.0) * 1.5), rel=0.02)
+    turned = np.radians(np.diff(gone(answer, "disc")[2:, 2]))
+    assert turned == pytest.approx(np.full(3, np.radians(5.0) * 1.5), rel=0.02)
     frame = answer.solved.assembly.frames["disc"]
     x, y = frame.at(np.array([0.0, -0.45]))
     assert abs(x) < 5e-3 and -0.53 < y < -0.5
@@ -476,11 +481,11 @@ def test_motions_that_go_back_are_met_between(beyond, left):
     assert off == pytest.approx(left * first, abs=1e-12)
 
 
-@pytest.mark.parametrize(("most", "short"), [(2, "0.035"), seldom(8, "0.0027")])
+@pytest.mark.parametrize(("most", "short"), [(2, "0.035"), seldom(4, "0.01")])
 def test_turns_that_the_most_steps_do_not_resolve_are_told(most, short, monkeypatch):
     """Not that forces miss the tolerance: these agree to rounding."""
     monkeypatch.setattr(steps, "MOST", most)
-    warnings = certified(rolls()).summary["warnings"]
+    warnings = certified(rolls(2)).summary["warnings"]
     told = [warning for warning in warnings if "time.tolerance" in warning]
     words = f"far past each other in each of {most} load steps that wheels roll by {short} of their way too little"
     assert [words in warning for warning in told] == [True]
@@ -498,26 +503,28 @@ def test_what_holds_a_free_frame_is_judged():
 @pytest.mark.slow
 def test_a_wheel_under_a_large_pull_stays_on_its_plate():
     """Passes that are far from their place are not mixed, or bodies leave each other."""
-    assert forces(certified(axle(force=(-1.8, -8.0), rigid=True)))[-1] == pytest.approx(
-        [-1.8, -8.0], rel=1e-9
-    )
+    scene = axle(force=(-1.8, -8.0), rigid=True, coarse=2)
+    assert forces(certified(scene))[-1] == pytest.approx([-1.8, -8.0], rel=1e-9)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("rigid", [False, True])
 def test_a_wheel_rolls_where_forces_take_its_axle(rigid):
-    """The plate carries the forces on the axle; the wheel rolls as far as it turns, but for creep against the pull."""
-    answer = certified(axle(rigid=rigid))
-    found, way = forces(answer)[4:], gone(answer, "wheel")
-    assert found == pytest.approx(np.tile([-0.5, -8.0], (4, 1)), rel=1e-9)
-    rolled = (way[-1, 0] - way[3, 0]) / np.radians(40.0)
+    """The plate carries the forces on the axle; the wheel rolls as far as it turns, but for creep against the pull. An
+    elastic one does so in either direction."""
+    answer = certified(axle(rigid=rigid, steps=3, coarse=2))
+    found, way = forces(answer)[3:], gone(answer, "wheel")
+    assert found == pytest.approx(np.tile([-0.5, -8.0], (3, 1)), rel=1e-9)
+    rolled = (way[-1, 0] - way[2, 0]) / np.radians(40.0)
     assert 0.99 < rolled < 1.02 and not way[:, 2].any()
-    back = axle(turn=40.0, force=(0.5, -8.0), rigid=rigid)
-    back["body"][0]["mesh"]["origin"] = [-2, -1]
-    back = certified(back)
-    # mirrored, but for the diagonals of cells
-    assert gone(back, "wheel")[-1] == pytest.approx(way[-1] * [-1.0, 1.0, 1.0], abs=5e-3)
-    if rigid:
+    if not rigid:
+        back = axle(turn=40.0, force=(0.5, -8.0), steps=3, coarse=2)
+        back["body"][0]["mesh"]["origin"] = [-2, -1]
+        # mirrored, but for the diagonals of cells
+        assert gone(certified(back), "wheel")[-1] == pytest.approx(
+            way[-1] * [-1.0, 1.0, 1.0], abs=5e-3
+        )
+    else:
         entry = answer.summary["rigid"]["wheel"]
         assert entry["displacement"] == pytest.approx(way[-1, :2]) and entry[
             "turn"
@@ -529,7 +536,7 @@ def test_a_wheel_rolls_where_forces_take_its_axle(rigid):
 @pytest.mark.mpi(ranks=2)
 def test_free_frames_on_two_ranks(comm):
     """By GMRES on two ranks, by factors on one: the same frames and forces."""
-    scene = rolling(turn=6.0, steps=1, coarse=2)
+    scene = rolling(turn=6.0, steps=1, coarse=3)
     many = ddmpi.solve(scene, comm)
     if comm.rank == 0:
         alone = ddmpi.solve(scene, MPI.COMM_SELF)
@@ -857,12 +864,12 @@ def test_a_motion_that_is_free_and_not_is_refused(motion, words):
 
 @pytest.mark.slow
 def test_free_frames_go_on_from_any_step(tmp_path):
-    """From each checkpoint, frames.csv too."""
+    """At the end of a leg and within one, frames.csv too."""
     assert "frames.csv" in go_on_from_checkpoints(
-        rolling(turn=6.0, steps=2, coarse=2)
+        rolling(turn=6.0, steps=2, coarse=3)
         | {"checkpoint": {"iterations": 1}, "output": {"steps": "all", "stress": False}},
         tmp_path,
-        slice(0, None, 2),
+        slice(1, None),
     )
 
 
@@ -875,11 +882,11 @@ def test_a_scene_is_checked_without_factors(tmp_path):
 
 @pytest.mark.slow
 def test_a_prepared_model_has_free_frames():
-    """Other moments through one model, with the answers of runs by themselves."""
+    """Another moment through one model, with the answer of a run by itself."""
     model = ddmpi.prepare(lever())
-    for moment in (-3.0, -1.5):
-        answer = model.solve({"body.ring.motion.moment": moment})
-        assert forces(answer).tolist() == forces(certified(lever(moment))).tolist()
+    model.solve()
+    answer = model.solve({"body.ring.motion.moment": -1.5})
+    assert forces(answer).tolist() == forces(certified(lever(-1.5))).tolist()
     assert "factors" in model.reused["ring"]
 
 
