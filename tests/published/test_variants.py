@@ -1,4 +1,4 @@
-"""The sixteen published variants, all in one pair of processes: the answer, and the outer iterations.
+"""The sixteen published variants, on one rank and in one pair of processes: the answer, and the outer iterations.
 
 The answer in the plane is that of the coupled problem, which `tests/support/brute_force.py` finds by brute force.
 """
@@ -67,17 +67,18 @@ def run(assembly, algorithm: str, splitting: str, **changes):
 
 @pytest.mark.mpi(ranks=[1, 2])
 def test_every_variant_reaches_the_answer_of_the_coupled_problem(comm):
-    for law, half in HALVES.items():
-        assembly = prepare_scene(comm, pinched_blocks(3, law))
-        reference = exact_forces(assembly)
-        for kind in half:
-            answer = run(assembly, *kind, tolerance=1e-10)
-            outer = answer.outer
-            assert answer.certified, (law, kind, answer.reason)
-            error = np.linalg.norm(everywhere(assembly, outer.forces) - reference) / np.linalg.norm(
-                reference
-            )
-            assert error <= 1e-7, (law, kind)
+    """With one law on one rank, with the other on two."""
+    law = [*HALVES][comm.size - 1]
+    assembly = prepare_scene(comm, pinched_blocks(3, law))
+    reference = exact_forces(assembly)
+    for kind in HALVES[law]:
+        answer = run(assembly, *kind, tolerance=1e-10)
+        outer = answer.outer
+        assert answer.certified, (law, kind, answer.reason)
+        error = np.linalg.norm(everywhere(assembly, outer.forces) - reference) / np.linalg.norm(
+            reference
+        )
+        assert error <= 1e-7, (law, kind)
 
 
 @pytest.mark.mpi(ranks=2)
@@ -96,19 +97,22 @@ def test_one_rank_with_both_bodies_has_the_answer_of_two_ranks(comm, outer):
         assert np.array_equal(fields.displacement, alone.bodies[name].displacement)
 
 
-@pytest.mark.mpi(ranks=2)
-def test_outer_iterations_do_not_depend_on_the_mesh(comm):
+def test_outer_iterations_do_not_depend_on_the_mesh():
+    """All variants on a fine mesh, and the first one with each law on a coarse mesh: the numbers of a table in which
+    those of a variant are near each other."""
     for law, half in HALVES.items():
-        assemblies = [prepare_scene(comm, pinched_blocks(N, law)) for N in (6, 22)]
+        fine, coarse = (prepare_scene(MPI.COMM_SELF, pinched_blocks(N, law)) for N in (22, 6))
         for kind in half:
             answers = [
                 run(assembly, *kind, tolerance=1e-4, inner_precision=1e-3)
-                for assembly in assemblies
+                for assembly in ((coarse, fine) if kind == half[0] else (fine,))
             ]
             assert all(answer.certified for answer in answers), (law, kind)
             k = [len(answer.outer.history) for answer in answers]
-            assert max(k) <= 1.25 * min(k), (law, kind, k)
-            expected = ITERATIONS[law, kind[0]][kind[1]]
+            both = ITERATIONS[law, kind[0]][kind[1]]
+            for pair in (k, both):
+                assert max(pair) <= 1.25 * min(pair), (law, kind, pair)
+            expected = both[-len(k) :]
             # With a complex pair of eigenvalues rounding decides which dip ends the iteration.
             swings = kind == (
                 "modified",
@@ -130,11 +134,10 @@ def test_iterative_compliances_take_as_many_iterations(comm):
     assert abs(found["iterative"] - found["explicit"]) <= 1
 
 
-@pytest.mark.mpi(ranks=2)
-def test_unsplit_original_fails_at_a_large_theta_and_says_so(comm):
+def test_unsplit_original_fails_at_a_large_theta_and_says_so():
     """The paper's observation: splitting stabilises."""
     for law in ("tresca", "coulomb"):
-        assembly = prepare_scene(comm, pinched_blocks(6, law))
+        assembly = prepare_scene(MPI.COMM_SELF, pinched_blocks(6, law))
         for theta, splitting, certified in ((0.5, "none", False), (0.8, "step1+2", True)):
             answer = run(
                 assembly, "original", splitting, theta=theta, tolerance=1e-4, max_iterations=200
@@ -143,8 +146,7 @@ def test_unsplit_original_fails_at_a_large_theta_and_says_so(comm):
             assert certified or answer.stopped in ("diverged", "max_iterations")
 
 
-@pytest.mark.mpi(ranks=2)
-def test_every_variant_in_space_finds_newtons_answer(comm):
+def test_every_variant_in_space_finds_newtons_answer():
     """By QPs on discs."""
     from ddmpi.run.solve import solve
     from ddmpi.scene.method import Method
@@ -153,7 +155,7 @@ def test_every_variant_in_space_finds_newtons_answer(comm):
         ({"law": "tresca", "slip_bound": 1.2e7}, HALVES["tresca"]),
         ({"law": "coulomb", "coefficient": 0.3}, HALVES["coulomb"]),
     ):
-        assembly = prepare_scene(comm, two_boxes(2, law=law))
+        assembly = prepare_scene(MPI.COMM_SELF, two_boxes(2, law=law))
         newton = solve(assembly, Method(outer="newton", tolerance=1e-10))
         reference, contact = (
             everywhere(assembly, newton.outer.forces),
@@ -169,5 +171,4 @@ def test_every_variant_in_space_finds_newtons_answer(comm):
             assert answer.certified, (law, kind, answer.reason)
             error = np.linalg.norm(everywhere(assembly, answer.outer.forces) - reference)
             assert error <= 5e-5 * np.linalg.norm(reference), (law, kind)
-            steps = set().union(*comm.allgather(set(answer.outer.inner_steps)))
-            assert {"cg", "gradient"} <= steps, (law, kind)
+            assert {"cg", "gradient"} <= set(answer.outer.inner_steps), (law, kind)
