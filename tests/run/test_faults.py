@@ -46,9 +46,10 @@ def outcomes(tmp_path_factory) -> dict[str, Outcome]:
         found = dict(
             zip(DEADLY, pool.map(ground.try_case, [cases[name] for name in DEADLY]), strict=True)
         )
-    return found | dict(
-        zip(ORDERLY, ground.try_together([cases[name] for name in ORDERLY]), strict=True)
-    )
+    together = ground.try_together([cases[name] for name in ORDERLY])
+    found |= dict(zip(ORDERLY, together, strict=True))
+    ground.go_on([*found.values()])
+    return found
 
 
 @pytest.mark.parametrize("name", DEADLY + ORDERLY)
@@ -156,19 +157,18 @@ def test_a_sweep_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
     assert again.code == 0, again.output
 
 
-@pytest.mark.parametrize("leave", [0, 5])
-def test_a_run_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave):
+@pytest.mark.parametrize("leave, ranks", [(0, 1), (5, 2)])
+def test_a_run_on_a_full_disk_ends_in_good_order(small_disk, tmp_path, leave, ranks):
     scene = scenes.write_scene(pinched_blocks(4), tmp_path / "scene.toml")
     folder = small_disk / "out"
     folder.mkdir()
     fill(small_disk, leave)
-    run = scenes.run_command(scene, folder, "--no-figures", "--log", str(small_disk / "run.log"))
+    start = scenes.run_command if ranks > 1 else scenes.run_here
+    run = start(scene, folder, "--no-figures", "--log", str(small_disk / "run.log"))
     assert run.code == 5 and len(run.messages) == 1 and "Traceback" not in run.output, run.output
     assert "No space left on device" in run.messages[0] and str(folder) in run.messages[0]
     assert run.files <= {"checkpoint.h5"}
     (small_disk / "filler").unlink()
     (small_disk / "run.log").unlink(missing_ok=True)
-    again = scenes.run_command(
-        scene, folder, "--no-figures", *(["--restart", str(folder)] if run.files else [])
-    )
+    again = start(scene, folder, "--no-figures", *(["--restart", str(folder)] if run.files else []))
     assert again.code == 0 and again.files == WHOLE, again.output

@@ -68,30 +68,27 @@ def here(tmp_path_factory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def undisturbed(here) -> dict[str, Run]:
-    runs = run_in_one_go(
-        [
-            (0, "", 0, "", str(here / f"undisturbed {name}"), [str(here / f"{name}.toml")])
-            for name in METHODS
-        ],
-        "run",
-        "--no-figures",
-    )
-    return dict(zip(METHODS, runs, strict=True))
+def first(here) -> dict[str, Run]:
+    """By name, the runs that a signal ended; by method, those that nothing disturbed."""
+    faults = {
+        name: (rank, target, call, number, str(here / name), [str(here / f"{method}.toml")])
+        for name, (method, number, rank, target, call, _) in INTERRUPTED.items()
+    } | {
+        name: (0, "", 0, "", str(here / f"undisturbed {name}"), [str(here / f"{name}.toml")])
+        for name in METHODS
+    }
+    runs = run_in_one_go([*faults.values()], "run", "--no-figures")
+    return dict(zip(faults, runs, strict=True))
 
 
 @pytest.fixture(scope="module")
-def interrupted(here) -> dict[str, Run]:
-    """By name, the runs that a signal ended."""
-    runs = run_in_one_go(
-        [
-            (rank, target, call, number, str(here / name), [str(here / f"{method}.toml")])
-            for name, (method, number, rank, target, call, _) in INTERRUPTED.items()
-        ],
-        "run",
-        "--no-figures",
-    )
-    return dict(zip(INTERRUPTED, runs, strict=True))
+def undisturbed(first) -> dict[str, Run]:
+    return {name: first[name] for name in METHODS}
+
+
+@pytest.fixture(scope="module")
+def interrupted(first) -> dict[str, Run]:
+    return {name: first[name] for name in INTERRUPTED}
 
 
 @pytest.fixture(scope="module")
@@ -106,26 +103,33 @@ def whole(interrupted) -> bytes:
     return (interrupted["inner solve"].folder / "checkpoint.h5").read_bytes()
 
 
+SAME = ("newton", "published")
+"""Methods of which all runs have one answer."""
+
+
 @pytest.fixture(scope="module")
-def continued(here, interrupted, files_then, whole) -> dict[str, Run]:
-    """By name, the runs that go on from a checkpoint."""
-    names = [name for name, row in INTERRUPTED.items() if row[5]]
+def second(here, interrupted, files_then, whole) -> dict[str, Run]:
+    """In other processes, which work in another folder: by name, the runs that go on from a checkpoint; for each of
+    `SAME` "again" and, with the other body first, "swapped"."""
+    given = {
+        name: [str(here / f"{row[0]}.toml"), "--restart", str(here / name)]
+        for name, row in INTERRUPTED.items()
+        if row[5]
+    }
+    place = here / "another folder"
+    for name in SAME:
+        for what, way in {"again": 1, "swapped": -1}.items():
+            scene = METHODS[name] | {"body": METHODS[name]["body"][::way]}
+            (place / f"{name} {what}").mkdir(parents=True)
+            scenes.write_scene(scene, place / f"{name} {what}" / "scene.toml")
+            given[f"{name} {what}"] = [os.path.join("..", f"{name} {what}", "scene.toml")]
     runs = run_in_one_go(
-        [
-            (
-                0,
-                "",
-                0,
-                "",
-                str(here / name),
-                [str(here / f"{INTERRUPTED[name][0]}.toml"), "--restart", str(here / name)],
-            )
-            for name in names
-        ],
+        [(0, "", 0, "", str(here / name), more) for name, more in given.items()],
         "run",
         "--no-figures",
+        cwd=place / f"{SAME[0]} again",
     )
-    return dict(zip(names, runs, strict=True))
+    return dict(zip(given, runs, strict=True))
 
 
 @pytest.mark.parametrize("name", INTERRUPTED)
@@ -144,9 +148,9 @@ def test_a_signal_ends_the_run_with_its_own_exit_code_and_one_message(
 
 @pytest.mark.parametrize("name", [name for name in INTERRUPTED if INTERRUPTED[name][5]])
 def test_restart_ends_with_the_results_of_the_run_that_was_not_interrupted(
-    continued, undisturbed, name
+    second, undisturbed, name
 ):
-    run = continued[name]
+    run = second[name]
     assert run.code == 0, run.output
     expected = undisturbed[INTERRUPTED[name][0]]
     drawn = INTERRUPTED[name][0] == "drawn"
@@ -299,52 +303,26 @@ def test_what_is_not_the_same_run_is_refused_with_the_reason(here, whole, tmp_pa
 # The same answer everywhere
 
 
-SAME = {"newton": pinched_blocks(6), "published": pinched_blocks(4, theta=0.2, tolerance=1e-4)}
-
-
 def fields(run: Run) -> dict[str, np.ndarray]:
     with h5py.File(run.folder / "result.h5") as file:
         return read_fields(file)
 
 
-def test_a_run_has_one_answer(tmp_path):
+@pytest.mark.parametrize("name", SAME)
+def test_a_run_has_one_answer(undisturbed, second, name):
     """Bit for bit from another folder; with the other body first, on other ranks, all but the order is the same."""
-    for name, scene in SAME.items():
-        for what, way in {"first": 1, "again": 1, "swapped": -1}.items():
-            (tmp_path / f"{name} {what}").mkdir()
-            scenes.write_scene(
-                scene | {"body": scene["body"][::way]}, tmp_path / f"{name} {what}" / "scene.toml"
-            )
-
-    def runs(what: str, cwd: Path) -> list[Run]:
-        places = [tmp_path / f"{name} {what}" for name in SAME]
-        return run_in_one_go(
-            [
-                (0, "", 0, "", str(place / "out"), [os.path.relpath(place / "scene.toml", cwd)])
-                for place in places
-            ],
-            "run",
-            "--no-figures",
-            cwd=cwd,
-        )
-
-    for first, again, swapped in zip(
-        runs("first", tmp_path),
-        runs("again", tmp_path / "newton again"),
-        runs("swapped", tmp_path),
-        strict=True,
-    ):
-        assert first.code == again.code == swapped.code == 0, first.output + again.output
-        assert contents(first.folder) == contents(again.folder)
-        for file in ("history.csv", "steps.csv", "contact_upper-lower.csv"):
-            assert (first.folder / file).read_bytes() == (swapped.folder / file).read_bytes()
-        one, other = contents(first.folder)["summary"], contents(swapped.folder)["summary"]
-        for each in (one, other):
-            assert [body.pop("ranks") for body in each["bodies"].values()] == [[0], [1]]
-            each["scene"]["body"].sort(key=lambda body: body["name"])
-        assert one == other
-        was, now = fields(first), fields(swapped)
-        for field in ("displacement", "stress", "von_mises", "points"):
-            part, start = was[field], was["cells"][was["body"] == 1].min()
-            cut = np.searchsorted(was["body"], 1) if len(part) == len(was["body"]) else start
-            assert np.array_equal(np.concatenate([part[cut:], part[:cut]]), now[field])
+    first, again, swapped = undisturbed[name], second[f"{name} again"], second[f"{name} swapped"]
+    assert first.code == again.code == swapped.code == 0, first.output + again.output
+    assert contents(first.folder) == contents(again.folder)
+    for file in ("history.csv", "steps.csv", "contact_upper-lower.csv"):
+        assert (first.folder / file).read_bytes() == (swapped.folder / file).read_bytes()
+    one, other = contents(first.folder)["summary"], contents(swapped.folder)["summary"]
+    for each in (one, other):
+        assert [body.pop("ranks") for body in each["bodies"].values()] == [[0], [1]]
+        each["scene"]["body"].sort(key=lambda body: body["name"])
+    assert one == other
+    was, now = fields(first), fields(swapped)
+    for field in ("displacement", "stress", "von_mises", "points"):
+        part, start = was[field], was["cells"][was["body"] == 1].min()
+        cut = np.searchsorted(was["body"], 1) if len(part) == len(was["body"]) else start
+        assert np.array_equal(np.concatenate([part[cut:], part[:cut]]), now[field])

@@ -303,18 +303,24 @@ class Ground:
     def __init__(self, here: Path) -> None:
         self.here, self.reference = here, {}
         (here / "a file").write_text("not a folder")
+        faults = []
         for name, method in METHODS.items():
             scene = scenes.pinched_blocks(2, **method)
             scene |= {"checkpoint": {"iterations": 1}, "output": {"figures": False}}
             path = scenes.write_scene(scene, here / f"{name}.toml")
-            run = scenes.run_command(path, here / ("earlier" if name == "newton" else name))
+            folder = here / ("earlier" if name == "newton" else name)
+            faults.append((0, "", 0, "", str(folder), [str(path)]))
+        for name, run in zip(METHODS, run_in_one_go(faults, "run"), strict=True):
             assert run.code == 0 and run.files == set(RESULTS), run.output
             self.reference[name] = contents(run.folder)
         self.earlier = digest(here / "earlier")
 
+    def folder_of(self, case: Case) -> Path:
+        return self.here / (case.folder or re.sub(r"\W+", "-", case.name))
+
     def try_case(self, case: Case) -> Outcome:
-        """Run a case and judge it."""
-        folder = self.here / (case.folder or re.sub(r"\W+", "-", case.name))
+        """Run a case and judge it, but for the run that goes on from it."""
+        folder = self.folder_of(case)
         arguments = ["run", str(self.here / f"{case.method}.toml")]
         if case.target:
             faults = [[case.rank, case.target, case.call, case.fault, str(folder), list(case.more)]]
@@ -331,14 +337,14 @@ class Ground:
         return outcome
 
     def try_together(self, cases: list[Case]) -> list[Outcome]:
-        """Run cases of Newton's method that end in an orderly way, and judge them."""
+        """Run cases of Newton's method that end in an orderly way, and judge them as `try_case` does."""
         faults = [
             (
                 case.rank,
                 case.target,
                 case.call,
                 case.fault,
-                str(self.here / re.sub(r"\W+", "-", case.name)),
+                str(self.folder_of(case)),
                 [],
             )
             for case in cases
@@ -383,15 +389,25 @@ class Ground:
         left = {name for name in run.files if not (name in (*RESULTS, "checkpoint.h5") or killed)}
         if left and case.folder != "earlier":
             faults.append("leftovers")
-        if case.kept and code != 0:
-            again = scenes.run_command(
-                self.here / f"{case.method}.toml", run.folder, "--restart", str(run.folder)
-            )
-            if again.code != 0 or contents(run.folder) != self.reference[case.method]:
-                faults.append("lost results")
+
+    def go_on(self, outcomes: list[Outcome]) -> None:
+        """Go on where a checkpoint must be, in processes that all these cases share, and judge the results."""
+        kept = [one for one in outcomes if one.case.kept and one.code not in (0, None)]
+        faults = []
+        for case in (one.case for one in kept):
+            folder = str(self.folder_of(case))
+            given = [str(self.here / f"{case.method}.toml"), "--restart", folder]
+            faults.append((0, "", 0, "", folder, given))
+        try:
+            runs = run_in_one_go(faults, "run") if kept else []
+        except AssertionError as error:
+            runs = [scenes.Run(1, "", str(error), self.folder_of(one.case)) for one in kept]
+        for outcome, again in zip(kept, runs, strict=True):
+            if again.code != 0 or contents(again.folder) != self.reference[outcome.case.method]:
+                outcome.faults.append("lost results")
                 outcome.output += "\nand with --restart:\n" + again.output
             elif again.files != RESULTS:
-                faults.append("leftovers")
+                outcome.faults.append("leftovers")
 
 
 def messages(run: scenes.Run) -> list[str]:
@@ -461,6 +477,7 @@ def main(words: list[str]) -> int:
 
         def attempt(case: Case) -> Outcome:
             outcome = ground.try_case(case)
+            ground.go_on([outcome])
             print(
                 f"{case.name:50} {outcome.code!s:>5} {outcome.seconds:6.1f} s ",
                 *outcome.faults,
