@@ -27,7 +27,7 @@ def logged(text: str) -> tuple[set[str], dict[str, int]]:
 def test_log_view_tells_the_story(tmp_path, name):
     method, own = METHODS[name]
     run = run_command(
-        write_scene(pinched_blocks(4, **method), tmp_path / "scene.toml"),
+        write_scene(pinched_blocks(2, **method), tmp_path / "scene.toml"),
         tmp_path / "out",
         "--no-figures",
         "-log_view",
