@@ -53,7 +53,7 @@ FAILING_SOLVERS = {
 @pytest.fixture(scope="module")
 def unsuccessful(tmp_path_factory) -> dict[str, Run]:
     here = tmp_path_factory.mktemp("unsuccessful")
-    scene = scenes.write_scene(pinched_blocks(4), here / "scene.toml")
+    scene = scenes.write_scene(pinched_blocks(2), here / "scene.toml")
     thin = pinched_blocks(6, max_iterations=1)
     thin["body"][1]["mesh"] |= {"divisions": [90, 2], "size": [0.01, 1.0]}
     thin["rigid"] = [

@@ -28,12 +28,12 @@ def projected(monkeypatch):
 @pytest.mark.slow
 @pytest.mark.mpi(ranks=2)
 def test_an_outside_method_has_newtons_answer(comm, projected):
-    scene = pinched_blocks(1, max_iterations=20_000, tolerance=1e-8)
+    scene = pinched_blocks(1, max_iterations=20_000, tolerance=1e-6)
     wanted = ddmpi.solve(scene, comm, only="contacts").contacts["upper-lower"].forces
     answer = ddmpi.solve(scene, comm, only="contacts", outer=projected)
     assert answer.certified and answer.summary["outer"] == "projected:Projected", answer.reason
     assert answer.contacts["upper-lower"].forces == pytest.approx(
-        wanted, abs=1e-5 * np.abs(wanted).max()
+        wanted, abs=2e-5 * np.abs(wanted).max()
     )
     few = ddmpi.solve(scene, comm, {"method.max_iterations": 3}, outer=projected)
     assert not few.certified and "max_iterations is reached" in few.reason
