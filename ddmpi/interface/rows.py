@@ -272,7 +272,10 @@ def _tilt(rows: Rows, keep: np.ndarray, frame: np.ndarray) -> np.ndarray:
             normal = np.where(smooth.any(axis=1, keepdims=True), smooth, normal)
         own.append((transfer @ normal)[keep])
     across, *along = np.einsum("rtd,srd->tsr", frame, np.stack([own[0], -own[1]]))
-    return np.stack(along, axis=-1) / across[:, :, None]
+    leans = np.stack(along, axis=-1)
+    # at a corner that is paired along one of its sides the mean normal may lie across: that is no lean
+    known = np.abs(across)[:, :, None] > SAME
+    return np.divide(leans, across[:, :, None], out=np.zeros_like(leans), where=known)
 
 
 def _far(contact: SettledContact, start: np.ndarray, some: np.ndarray, moved: float) -> np.ndarray:

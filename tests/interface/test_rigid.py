@@ -146,7 +146,7 @@ def test_middles_of_straight_sides_stand_off_no_circle(group, rigid, gap, closed
 
 
 def test_middles_of_a_flat_stay_where_they_are():
-    """Straight boundaries and corners are no curves."""
+    """Straight boundaries and corners are no curves; at a corner whose mean normal lies across no side leans."""
     disc = Circle(name="roller", center=(1.0, -1.0), radius=1.0)
     contact = touch(
         side(block((4, 2), (2.0, 1.0), order=2), "bottom", "right"), disc, COULOMB, "seam"
@@ -156,6 +156,7 @@ def test_middles_of_a_flat_stay_where_they_are():
     assert contact.gap[flat] == pytest.approx(
         np.hypot(contact.xy[flat, 0] - 1.0, 1.0) - 1.0, abs=1e-15
     )
+    assert np.abs(contact.geometry.tilt).max() < 10.0
 
 
 def test_a_partner_that_comes_closer_closes_the_gap():
