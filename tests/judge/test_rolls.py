@@ -241,9 +241,8 @@ def on_two_rollers(starts: tuple[float, float], held: bool = False) -> dict:
     return scene | {"body": [*rollers, plate], "contact": contacts}
 
 
-@pytest.mark.parametrize(
-    ("held", "turn"), [(False, 1.75), pytest.param(True, 0.0, marks=pytest.mark.slow)]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("held", "turn"), [(False, 1.75), (True, 0.0)])
 def test_a_plate_on_rollers_rolls_to_their_nodes(held, turn):
     """A plate that is held along the floor holds its rollers; another one rolls with them to where two nodes bear at
     each, 2 and 5.5 degrees beside the foot."""

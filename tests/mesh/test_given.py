@@ -29,7 +29,7 @@ def as_arrays(scene: dict, order: int = 1) -> dict:
     return scene
 
 
-@pytest.mark.every(3)
+@pytest.mark.every(5)
 @pytest.mark.parametrize("order", [1, 2])
 @pytest.mark.parametrize("scene", [pinched_blocks(4), two_boxes(2)], ids=["plane", "space"])
 def test_a_mesh_as_arrays_is_that_of_the_shape(scene, order):
