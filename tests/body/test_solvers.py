@@ -360,6 +360,7 @@ def test_compliance_counts_by_purpose(name, divisions, order, petsc_options):
     assert not y.any() and operator.count - before == {"step1": 16}
     assert np.abs(columns - C).max() <= precision * np.abs(C).max()
     assert np.abs(operator.dense() - C).max() <= precision * np.abs(C).max()
+    assert operator.kind == "explicit" or operator.count["explicit"] == 16
     before, u = operator.count.copy(), problem.b.duplicate()
     operator.solve(problem.b, u, "load")
     assert operator.count - before == {"load": 1}
