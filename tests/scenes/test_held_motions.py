@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse as sparse
 from bolts import bar
 from restarts import go_on_from_checkpoints
-from scenes import certified, rectangle, seldom
+from scenes import certified, pinched_blocks, rectangle, seldom
 
 import ddmpi
 from ddmpi.body.rigid_motions import Centring
@@ -458,6 +458,14 @@ def test_a_released_motion_stays_released_after_a_restart(tmp_path, monkeypatch)
     monkeypatch.setattr(Iteration, "release", lambda self: released.append(release(self)))
     go_on_from_checkpoints(scene, tmp_path, slice(-2, None))
     assert len(released) == 3
+
+
+def test_a_restart_releases_nothing_by_itself(tmp_path, monkeypatch):
+    """What the run held is held as it goes on."""
+    monkeypatch.setattr(Iteration, "release", lambda self: pytest.fail("released"))
+    scene = pinched_blocks(1, outer="relaxation", tolerance=1e-2)
+    scene |= {"checkpoint": {"iterations": 2}, "output": {"figures": False}}
+    go_on_from_checkpoints(scene, tmp_path, slice(2), ())
 
 
 @pytest.mark.slow
