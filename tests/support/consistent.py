@@ -75,7 +75,8 @@ def counts(answer: Any) -> None:
         squares = sum(body["discretization_error"] ** 2 for body in bodies)
         assert error**2 == pytest.approx(squares, rel=1e-9)
     assert level["dofs"] == sum(fields.points.size for fields in answer.bodies.values())
-    apart = pushed or moves_far(summary)  # what pushes a partner or a frame has a balance of its own
+    # what pushes a partner or a frame has a balance of its own
+    apart = pushed or moves_far(summary)
     for kind, value in summary["certificate"].items():
         largest = max(entry["certificate"].get(kind, 0.0) for entry in (*bodies, *contacts))
         assert 0.0 <= largest <= value <= summary["certificate_limit"], kind

@@ -3187,8 +3187,8 @@ MUTANTS = [
         (
             "normals lean by sines",
             "interface/rows",
-            " / across[:, :, None]",
-            "",
+            "np.divide(leans, across[:, :, None], out=",
+            "np.divide(leans, 1.0, out=",
             f"{HELD}::test_a_gap_that_is_crossed_bears_no_moment",
         ),
         (
