@@ -369,6 +369,19 @@ def test_parts_of_a_body(part):
     assert found == pytest.approx((above[name] - below[name]) / (2e-3 * young), rel=CLOSE)
 
 
+def test_a_block_grows_with_its_temperature():
+    """Free to grow from a corner, by α L a kelvin along each side."""
+    young, alpha, size = 2.1e11, 1.3e-5, (0.3, 0.4)
+    block = rectangle("block", (0.0, 0.0), size, (2, 2), young=young)
+    block["material"] |= {"expansion": alpha, "plane": "stress"}
+    block |= {"temperature": 40.0, "clamp": [{"on": "left", "x": 0.0}, {"on": "bottom", "y": 0.0}]}
+    key = "body.block.temperature"
+    answer = ddmpi.solve(with_derivatives({"body": [block]}, [key]), overrides=TIGHT)
+    found = answer.derivative(key).bodies["block"]
+    expected = alpha * answer.bodies["block"].points
+    assert found.displacement == pytest.approx(expected, abs=1e-15)
+
+
 @pytest.mark.parametrize(
     "keys",
     [

@@ -150,7 +150,7 @@ def test_a_ball_on_a_block_of_bricks(order):
 
 
 def test_a_place_in_a_quadrilateral_is_found():
-    """The bilinear map there and back, of trapezoids and of warped ones, seen along their normals."""
+    """The bilinear map there and back, of trapezoids and of warped ones, seen along their normals; in any unit."""
     random = np.random.default_rng(5)
     corners = np.array([[0, 0, 0], [1, 0, 0], [0.6, 0.9, 0], [0, 1.2, 0]]) + 0.05 * random.normal(
         size=(50, 4, 3)
@@ -160,7 +160,9 @@ def test_a_place_in_a_quadrilateral_is_found():
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     normal /= np.linalg.norm(normal, axis=1)[:, None]
     place = np.einsum("qc,qcd->qd", hats, corners) + 0.1 * normal
-    assert bilinear(place, corners, normal) == pytest.approx(hats, abs=1e-12)
+    for unit in (1.0, 1e-6):
+        found = bilinear(unit * place, unit * corners, normal)
+        assert found == pytest.approx(hats, abs=1e-12)
 
 
 @pytest.mark.every(5)

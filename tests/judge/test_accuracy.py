@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,6 +33,7 @@ from ddmpi.judge.accuracy import (
 )
 from ddmpi.mesh.build import build_mesh
 from ddmpi.results.tables import read_results
+from ddmpi.run.run import _climb
 from ddmpi.run.solve import solve
 from ddmpi.scene.method import PRESETS
 from ddmpi.scene.reader import read_scene
@@ -520,6 +522,29 @@ def test_errors_on_a_finer_mesh_leave_the_last_certified_answer(
     assert [level["refinement"] for level in summary["discretization_error"]["levels"]] == [1]
     assert summary["n"] == summary["discretization_error"]["levels"][0]["n"]
     comm.barrier()
+
+
+@pytest.mark.parametrize("continuing", [False, True])
+@pytest.mark.parametrize("failure", [InputError, SolverError])
+def test_an_error_on_a_finer_mesh_leaves_the_answer_before(failure, continuing):
+    """But for a checkpoint that is refused as a run goes on, which leaves nothing."""
+    error = failure("of this kind")
+    error.agreed = True
+    ladder = SimpleNamespace(fall_back=lambda words: words == "of this kind")
+    checkpoints = SimpleNamespace(continuing=continuing, leave=lambda: None)
+    outcomes = iter([error, "the answer before"])
+
+    def attempt():
+        outcome = next(outcomes)
+        if isinstance(outcome, Exception):
+            raise outcome
+        return outcome
+
+    if continuing and failure is InputError:
+        with pytest.raises(InputError, match="of this kind"):
+            _climb(attempt, ladder, checkpoints)
+    else:
+        assert _climb(attempt, ladder, checkpoints) == "the answer before"
 
 
 @pytest.mark.slow
