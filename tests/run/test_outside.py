@@ -90,6 +90,7 @@ def test_no_scene_starts_code(tmp_path, monkeypatch):
     [
         ("no.such.package:Class", "cannot be imported: ModuleNotFoundError"),
         ("json:Class", "cannot be imported: AttributeError"),
+        ("math:pi", "is no class that is based on ddmpi.methods.outer.Outer"),
         ("json:JSONDecoder", "is no class that is based on ddmpi.methods.outer.Outer"),
         (
             "ddmpi.methods.outer:Outer",
