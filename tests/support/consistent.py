@@ -293,7 +293,8 @@ def balances(summary: dict, reach: dict[str, float], left: float) -> None:
         for part in (*told["reactions"].values(), *told["loads"].values())
     ]
     every = sum(np.abs(part["force"]).sum() + np.abs(part["moment"]).sum() for part in acting)
-    every += sum(abs(contact["normal_force"]) for contact in contacts.values())
+    at_times = [contacts, *(step["contacts"] for step in summary.get("steps") or [])]
+    every += sum(abs(each["normal_force"]) for known in at_times for each in known.values())
     for body in scene["body"]:
         name = body["name"]
         told = summary["bodies"][name]
