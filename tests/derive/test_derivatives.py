@@ -605,6 +605,7 @@ def test_a_result_that_there_is_not(result, words):
     assert words in str(caught.value)
 
 
+@pytest.mark.slow
 def test_what_has_no_gradient():
     """Load steps, answers without a certificate, and the radial sum of reactions around an axis."""
     with pytest.raises(InputError, match="not possible with load steps"):

@@ -17,7 +17,7 @@ from ddmpi.scene.reader import read_scene
     [
         scenes.seldom(belt(0.01, 180, 0.5, 120, 2e11, -0.05), 120, "converged and certified"),
         scenes.seldom(belt(0.05, 180, 0.3, 48, 2e9, limit=0.999), 80, "no equilibrium found"),
-        (belt(0.01, 180, 0.1, 48, 2e9, limit=0.97), 80, "converged and certified"),
+        scenes.seldom(belt(0.01, 180, 0.1, 48, 2e9, limit=0.97), 80, "converged and certified"),
         scenes.seldom(belt(0.01, 180, 0.1, 48, 2e9, limit=0.999), 80, "no equilibrium found"),
     ],
 )

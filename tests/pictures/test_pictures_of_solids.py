@@ -310,6 +310,7 @@ def test_a_mechanism_of_solids_is_drawn(tmp_path):
     assert drawn.name == "mechanism.png" and image.imread(drawn)[..., :3].std() > 0.05
 
 
+@pytest.mark.slow
 def test_a_contact_has_maps_of_what_may_vary_there(tmp_path, still):
     """Without friction none of friction; bonded none of its bound and the gap, and of normal stress, which may be
     tension."""
@@ -575,6 +576,7 @@ def test_maps_show_what_is_closed(still):
     assert 0.5 < small.get_xlim()[1] < 1.5
 
 
+@pytest.mark.slow
 def test_pressure_and_tension_are_told_apart(still):
     """Where a contact bears tension, colours are white at zero; else they begin there."""
     results = read_results(still)

@@ -211,6 +211,7 @@ def test_clamps_move_a_body_within_its_frame():
     assert forces(certified(both)) == pytest.approx(forces(certified(frame)), rel=1e-9)
 
 
+@pytest.mark.slow
 def test_a_small_motion_is_that_of_a_clamp():
     """A press that clamps prescribe has the same forces, stresses and slip as one by a frame."""
     far, small = block(way=1e-4), block(way=1e-4)

@@ -237,6 +237,7 @@ def test_a_body_that_moves_far_takes_its_slit_along(tmp_path):
     assert before["normal_force"] == pytest.approx(here, rel=1e-5)
 
 
+@pytest.mark.slow
 def test_derivatives_and_bars_know_a_slit(tmp_path):
     """By the size of an interference, and by friction, forces change as by differences; forces have bars."""
     fit = scene(tmp_path, FLAT, 1, LOAD, friction=FRICTION, gap=-1e-4)
@@ -259,6 +260,7 @@ def _with(slit: dict, key: str, value: float) -> float:
     return answer.summary["contacts"]["lips"]["normal_force"]
 
 
+@pytest.mark.slow
 def test_a_prepared_model_knows_a_slit(tmp_path):
     """Cases of a model have the answers of runs by themselves."""
     slit = scene(tmp_path, FLAT, 1, LOAD, friction=FRICTION)
