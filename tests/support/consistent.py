@@ -193,7 +193,9 @@ def gaps(answer: Any, name: str, table: np.ndarray) -> None:
         away = np.abs(fields.points[None] - at[:, None]).max(axis=2)
         return values[away.argmin(axis=1)]
 
-    gap = 0.0 if contact["kind"] == "bonded" else contact["gap"]  # a bond opens from as drawn
+    gap = contact["gap"]
+    if gap is None and contact["kind"] == "bonded":
+        gap = 0.0  # a bond opens from as drawn
     if gap is None and not rigid and summary["order"] == 2:
         return  # between middles that are no nodes of the other side
     u = at_nearest(first_body, first_body.displacement)
