@@ -318,6 +318,12 @@ def settled() -> None:
 
 
 @pytest.fixture(autouse=True)
+def frozen() -> None:
+    """The same of what there is before a test: each solve has collected what it left."""
+    gc.freeze()
+
+
+@pytest.fixture(autouse=True)
 def figures() -> Iterator[None]:
     """Closes what a test has drawn."""
     yield
