@@ -86,22 +86,16 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """With -n of pytest-xdist, files are shared out whole, and so are tests that share an mpirun."""
+    """With -n of pytest-xdist, files are shared out whole, and tests on as many ranks, which share an mpirun."""
     from xdist.scheduler import LoadScopeScheduling
 
     class Whole(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file, _, name = nodeid.partition("::")
             ranks = re.search(r"\[(\d)[-\]]", name)  # or another number: no harm is done
-            return shared(config, file.rpartition("/")[0], ranks[1]) if ranks else file
+            return f"on {ranks[1]}" if ranks else file
 
     return Whole(config, log)
-
-
-def shared(config: pytest.Config, folder: str, ranks: int | str) -> str:
-    """What tests on several ranks that share an mpirun have in common: their folder, which the few quick ones need not."""
-    few = "not slow" in config.option.markexpr
-    return f"{'' if few else folder} on {ranks}"
 
 
 def pytest_sessionstart(session: pytest.Session) -> None:
@@ -145,10 +139,13 @@ class Bar:
     def pytest_runtest_logfinish(self, nodeid: str) -> None:
         """Once for each test, on however many ranks."""
         self.done += 1
+        self.tell(nodeid.partition("::")[0])
+
+    def tell(self, where: str) -> None:
         part = self.done / max(self.total, 1)
         failed = f", {self.failed} failed" if self.failed else ""
         bar = "#" * round(part * self.WIDTH)
-        line = f"[{bar:<{self.WIDTH}}] {part:4.0%} of {self.total}{failed}  {nodeid.partition('::')[0]}"
+        line = f"[{bar:<{self.WIDTH}}] {part:4.0%} of {self.total}{failed}  {where}"
         end = "\n" if self.done == self.total else ""
         sys.__stdout__.write(f"\r\033[K{line[: shutil.get_terminal_size().columns - 1]}{end}")
         sys.__stdout__.flush()
@@ -208,6 +205,9 @@ class Together:
     and so did one in which the mpirun ended without a word.
     """
 
+    MANY = 40
+    """So many tests have twice the time limit of one."""
+
     def __init__(self, run: Runner) -> None:
         self.run = run
         self.found: dict[str, list[pytest.TestReport]] = {}
@@ -222,7 +222,7 @@ class Together:
                     each
                     for each in item.session.items
                     if isinstance(each, pytest.Function)
-                    and mpirun_of(each) == mpirun_of(item)
+                    and ranks_of(each) == ranks_of(item)
                     and not (self.found.get(each.nodeid) or each.nodeid in self.done)
                 ]
             )
@@ -247,6 +247,10 @@ class Together:
             contextlib.suppress(EOFError, pickle.UnpicklingError),
         ):
             patch.setenv("PYTEST_ADDOPTS", f"{options} {shlex.join(item.nodeid for item in items)}")
+            plugin, limit = self.run.__self__, "_mpi_default_test_timeout"
+            patch.setattr(plugin, limit, getattr(plugin, limit) * (1 + len(items) / self.MANY))
+            if bar := items[0].config.pluginmanager.get_plugin("bar"):
+                bar.tell(f"{len(items)} tests on {ranks_of(items[0])} ranks")
             for report in self.run(items[0]) if len(items) > 1 else []:
                 self.found[named(report).nodeid].append(report)
         reports = [report for item in items for report in self.found[item.nodeid]]
@@ -262,11 +266,6 @@ class Together:
 def ranks_of(item: pytest.Function) -> int:
     """The ranks of a test that runs under mpirun, 0 of another."""
     return item.callspec.params.get("mpi_ranks", 0) if item.get_closest_marker("mpi") else 0
-
-
-def mpirun_of(item: pytest.Function) -> str:
-    """What it has in common with tests that share its mpirun."""
-    return shared(item.config, str(item.path.parent), ranks_of(item))
 
 
 def named(report: pytest.TestReport) -> pytest.TestReport:
