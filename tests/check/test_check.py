@@ -151,7 +151,7 @@ def test_nothing_is_factored():
     ("scene", "order", "unit"),
     [
         seldom(tower(4, 3), 1, 1.0),
-        (tower(4, 3), -1, 1e-3),
+        seldom(tower(4, 3), -1, 1e-3),
         (boxes_on_floor(), 1, 1e-3),
         seldom(tower(4, 3), 1, 1e-3),
         seldom(tower(4, 3), -1, 1.0),

@@ -128,13 +128,13 @@ def test_cylinders_of_other_programs(tmp_path):
         occ.dilate(occ.getEntities(3), 0, 0, 0, 2, 2, 2)  # makes splines of all faces
 
     path = cad(tmp_path / "splines.step", draw)
-    bore, cone = (drawn(path, size=4.0, part=k).faces.values() for k in (1, 2))
+    mesh = drawn(path, size=4.0, part=1, order=2, clamp=["cylinder r=2 at (0, 0, 3)"])
+    bore, cone = mesh.faces.values(), drawn(path, size=4.0, part=2).faces.values()
     (round_one,) = [face for face in bore if face.kind == "cylinder"]
     assert round_one.radius == pytest.approx(2.0) and round_one.words.startswith("cylinder r=2 at ")
     assert sorted(end[2] for end in round_one.axis) == pytest.approx([0.0, 6.0], abs=1e-9)
     assert np.abs(np.array(round_one.axis)[:, :2]).max() < 1e-9
     assert not [face for face in cone if face.kind == "cylinder"]
-    mesh = drawn(path, size=4.0, part=1, order=2, clamp=["cylinder r=2 at (0, 0, 3)"])
     assert area(mesh, "cylinder r=2 at (0, 0, 3)") == pytest.approx(24 * np.pi, rel=1e-3)
 
 

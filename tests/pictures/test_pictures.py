@@ -81,7 +81,8 @@ def test_there_is_a_picture_of_everything(tmp_path, how, contacts):
         assert path.read_bytes() == (tmp_path / path.name).read_bytes(), path.name
 
 
-@pytest.mark.parametrize("make", [draw_convergence, seldom(draw_bodies)])
+@pytest.mark.slow
+@pytest.mark.parametrize("make", [draw_convergence, draw_bodies])
 def test_pictures_are_drawn_once_as_savefig_draws_them(tmp_path, monkeypatch, make):
     """With the layout, to the last pixel, and with the same words; matplotlib's own way draws them twice."""
     results, drawn = made(tmp_path), []

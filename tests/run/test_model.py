@@ -280,7 +280,7 @@ def drawn(folder) -> dict:
     ("scene", "overrides"),
     [
         ("held", {"body.upper.mesh.size": [3.0, 1.2]}),
-        ("held", {"body.upper.material.young": 1e11}),
+        seldom("held", {"body.upper.material.young": 1e11}),
         seldom("held", {"method.compliance": "explicit"}),
         ("held", {"body.lower.traction.0.on": "nowhere"}),
         seldom(

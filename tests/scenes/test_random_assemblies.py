@@ -80,13 +80,14 @@ def solved(tmp_path_factory) -> dict:
     return made
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name, column, law",
     [
-        scenes.seldom("solids", "force_x", "at nodes"),
-        scenes.seldom("solids", "force_y", "force"),
-        scenes.seldom("solids", "gap", "penetration"),
-        scenes.seldom("solids", "slip_x", "slip against friction"),
+        ("solids", "force_x", "at nodes"),
+        ("solids", "force_y", "force"),
+        ("solids", "gap", "penetration"),
+        ("solids", "slip_x", "slip against friction"),
         ("plane", "normal_force", "at nodes"),
         ("plane", "tangential_force", "at nodes"),
         ("plane", "gap", "penetration"),

@@ -65,7 +65,7 @@ CASES = {
 }
 
 
-QUICK = "closed", "quadratic mortar", "pulled open", "around an axis"
+QUICK = "closed", "pulled open"
 """Others are features of the matrix (tests/products), where slits are in all kinds of scenes."""
 
 
