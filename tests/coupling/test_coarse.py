@@ -1,5 +1,7 @@
 """The coarse problem of many bodies: its factors stay sparse, however unlike its motions are."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import scenes
@@ -49,3 +51,43 @@ def test_factors_of_many_blocks_are_sparse(monkeypatch):
     y, alpha = problem.precondition(np.zeros(linearised.number), loads)
     left = loads - joint.rigid.sums(linearised.expand(y)) - preconditioner.springs * alpha
     assert np.abs(left).max() < 1e-9
+
+
+def test_nodes_give_way_to_the_forces_of_contacts_on_all_ranks():
+    """As the first of two ranks has it, whose contact `a` is one of three: its body also has `b`, which the second rank
+    owns with `c`, and a body there has `c` and `a`."""
+    rng = np.random.default_rng(5)
+    first, second = rng.standard_normal((3, 2)), rng.standard_normal((5, 1))
+    rest, layers, w = rng.uniform(0.1, 1.0, (3, 6))
+    B = np.zeros((6, 3))  # the rows of a, b and c
+    B[:3, :2], B[[3, 4, 5, 0, 1], 2:] = first, second
+    K = B @ B.T + np.diag(rest + layers)
+
+    body = SimpleNamespace(
+        parts={"a": (slice(0, 2), 0), "b": (slice(2, 3), 0)},
+        at_cross_points=lambda: (sparse.csr_matrix(first), np.zeros(3)),
+    )
+    theirs = iter(
+        [
+            (
+                {"b": slice(0, 1), "c": slice(1, 4)},
+                rest[2:],
+                [([("c", 3), ("a", 2)], sparse.csr_matrix(second))],
+            ),
+            (sparse.identity(4), layers[2:]),
+        ]
+    )
+    space = SimpleNamespace(
+        comm=MPI.COMM_SELF,
+        parts={"a": slice(0, 2)},
+        gather=lambda ours: [ours, next(theirs)],
+        any=np.any,
+        solve_joined=lambda ours, solve: solve(np.append(ours, w[2:]))[:2],
+    )
+    exchange = SimpleNamespace(total=lambda parts, about: rest[:2])
+    crossing = ddmpi.coupling.coarse.CrossPoints([body], exchange, space)
+    correct = crossing.corrector(
+        sparse.identity(2, format="csr"), layers[:2], np.array([True, True])
+    )
+    wanted = np.diag(K) * np.linalg.solve(K, w)
+    assert np.abs(correct(w[:2]) - wanted[:2]).max() < 1e-12

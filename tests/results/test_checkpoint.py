@@ -322,6 +322,33 @@ def test_every_so_many_seconds_by_the_clock_of_rank_0(comm, shared, monkeypatch)
         assert written == []
 
 
+@pytest.mark.parametrize(
+    ("when", "written"),
+    [
+        ({"seconds": 5.0}, [3, 6]),
+        ({"seconds": 0.0}, []),
+        ({"seconds": 0.0, "iterations": 4}, [4]),
+    ],
+)
+def test_iterations_of_two_seconds_are_kept_when_they_are_due(tmp_path, monkeypatch, when, written):
+    """At the first one at which as much time has passed, or as many iterations, since the one before; never by what is
+    zero."""
+    scene = read_scene("x.toml", scenes.to_toml(pinched_blocks(2) | {"checkpoint": when}))
+    now = [100.0]
+    monkeypatch.setattr(checkpoint.time, "monotonic", lambda: now[0])
+    found = count_writes(monkeypatch)
+    checkpoints = Checkpoints(
+        MPI.COMM_SELF, tmp_path, {}, scene.checkpoint, Clock(), MeshLadder(scene)
+    )
+    for iteration in range(1, 8):
+        now[0] += 2.0
+        checkpoints.note(iteration)
+    assert found == written
+    if written:
+        (state,) = checkpoint.read(tmp_path / checkpoint.CHECKPOINT)[1]
+        assert state["iterations"] == written[-1]
+
+
 @pytest.mark.slow
 @two_ranks
 def test_a_run_goes_on_without_a_checkpoint_that_cannot_be_written(
