@@ -889,6 +889,20 @@ def test_forces_that_rounding_makes_are_a_warning(press, pull, words):
     assert all(re.match(f"contact.upper-lower: ({words})", each) for each in found), found
 
 
+@pytest.mark.parametrize(
+    ("pull", "words"), [(0.0, "the largest pressure, "), (1e5, "its forces are uncertain by about")]
+)
+def test_pressures_that_rounding_makes_are_not_said_to_be_infinite(pull, words):
+    """At the corner of a shorter block they grow without limit, as is told of those that are more than rounding."""
+    load = [{"on": "top", "value": [0.0, -1e-7]}, {"on": "right", "value": [pull, 0.0]}]
+    upper = block("upper", 0.0, 1.0, (2, 1), ["left"], load, (4, 2))
+    lower = block("lower", 0.0, 0.0, (4, 1), ["bottom"], divisions=(8, 2))
+    for body in (upper, lower):
+        body["material"]["poisson"] = 0.0
+    found = doubts(pair_of(upper, lower, {"law": "none"}), r"^contact\.")
+    assert [each.startswith(f"contact.upper-lower: {words}") for each in found] == [True], found
+
+
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_box_on_planes_of_symmetry_has_no_end_of_a_clamp(order):
     """At a corner a triangle of a free face may have all its nodes on clamped ones; its side is no end of a clamp."""

@@ -117,10 +117,15 @@ def test_meshio_and_paraview_read_solids(tmp_path, order):
 
 
 def test_load_steps_of_solids_are_kept(tmp_path):
-    """contact_NAME_legs.csv has the vectors of each leg, as contact_NAME.csv has them of the last one."""
+    """contact_NAME_legs.csv has the vectors of each leg, as contact_NAME.csv has them of the last one; forces of open
+    nodes are 0, without a sign."""
     results = stacked(tmp_path, times=(1.0, 2.0))
     legs, table = results.legs["upper-lower"], results.contacts["upper-lower"]
     last = legs["time"] == 2.0
     for column in set(legs) & set(table):
         assert np.array_equal(legs[column][last], table[column]), column
     assert legs["force_z"][~last] == pytest.approx(0.5 * table["force_z"])
+    for columns in (table, legs):
+        vector = vectors(columns, *COLUMNS[15:21])
+        assert not vector[columns["status"] == "open", :3].any()
+        assert not np.signbit(vector[vector == 0.0]).any()
