@@ -155,6 +155,17 @@ def test_a_point_on_the_axis_means_all_around_it(tmp_path):
     assert area(mesh, half) == pytest.approx(4 * np.pi, rel=1e-4)
 
 
+def test_a_face_between_two_solids_has_the_normal_of_the_body(tmp_path):
+    """Of a script that draws two boxes with a common face, and names the upper one as the body: the normal leads out of
+    it."""
+    script = """SetFactory("OpenCASCADE"); Box(1) = {0, 0, 0, 2, 2, 1}; Box(2) = {0, 0, 1, 2, 2, 1};
+BooleanFragments{ Volume{1, 2}; Delete; }{ } Physical Volume("body") = {2};
+Physical Surface("top") = {Surface In BoundingBox{-1, -1, 1.9, 3, 3, 2.1}};"""
+    geo, outer = write(tmp_path / "boxes.geo", script), "plane n=(0, 0, -1) at (1, 1, 1)"
+    mesh = drawn(geo, size=2.0, clamp=[outer])
+    assert mesh.points[:, 2].min() == 1.0 and area(mesh, outer) == pytest.approx(4.0)
+
+
 def test_curves_of_plane_drawings(tmp_path):
     """Lines and arcs, an arc also by its centre; gmsh's own kernel has names in their place."""
     path = cad(

@@ -190,7 +190,13 @@ def test_arrays_without_points_or_cells_are_refused(key):
 
 
 def test_a_mesh_of_meshio_with_nodes_that_are_not_there_is_refused():
-    mesh = of_meshio()
-    mesh.cells[0].data = mesh.cells[0].data + 20
-    with pytest.raises(InputError, match="which is not there; its nodes are 0 to 24"):
-        ddmpi.solve(pressed(mesh), MPI.COMM_SELF)
+    """With the number of the cell among all of its kind, counted from 0 through blocks with others between them."""
+    arrays = square()
+    cells, lines = arrays["cells"], arrays["groups"]["bottom"]
+    cells[10, 2] = 77
+    blocks = [("quad", cells[:5]), ("line", lines), ("quad", cells[5:8]), ("quad", cells[8:])]
+    words = (
+        "quad 10 has the node 77, which is not there; its nodes are 0 to 24, both counted from 0"
+    )
+    with pytest.raises(InputError, match=words):
+        ddmpi.solve(pressed(meshio.Mesh(arrays["points"], blocks)), MPI.COMM_SELF)
