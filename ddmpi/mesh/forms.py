@@ -261,9 +261,10 @@ def _normal(gmsh, k: int, tag: int) -> np.ndarray:
     place, at = _inside(gmsh, 2, tag)
     normal = np.array(gmsh.model.getNormal(tag, place))
     off = SAME_PLACE * extent(gmsh) * normal
-    inward = any(
-        gmsh.model.isInside(3, solid, at + off) for solid in gmsh.model.getAdjacencies(2, tag)[0]
-    )
+    solids = gmsh.model.getAdjacencies(2, tag)[0]
+    # a script may draw others beside those that it names as the body
+    named = [solid for solid in solids if len(gmsh.model.getPhysicalGroupsForEntity(3, solid))]
+    inward = any(gmsh.model.isInside(3, solid, at + off) for solid in named or solids)
     return -normal if inward else normal
 
 
