@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from ddmpi.run.answer import Answer, Model
 
-__version__ = "0.25.0"
+__version__ = "0.26.0"
 
 __all__ = ["converge", "prepare", "solve", "to_xarray"]
 

@@ -10,7 +10,7 @@ class PyDdmpi(PythonPackage):
 
     license("BSD-2-Clause")
 
-    version("0.25.0")
+    version("0.26.0")
 
     variant("figures", default=True, description="Draw pictures")
     variant("equilibrium", default=True, description="Ask whether contacts can hold loose bodies")
