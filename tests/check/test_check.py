@@ -22,8 +22,9 @@ from scenes import (
 )
 from solid_scenes import HELD, box, two_boxes
 
+from ddmpi.body.loads import VOLUME
 from ddmpi.check.check import check
-from ddmpi.check.drawing import Plan, as_results, draw, draw_contacts
+from ddmpi.check.drawing import Plan, _point_weights, as_results, draw, draw_contacts
 from ddmpi.check.faces import _smooth
 from ddmpi.check.nearby import NEAR, Boundary, Missing, _together, find_missing
 from ddmpi.coupling.assembly import prepare
@@ -555,6 +556,21 @@ def test_marks_of_supports_stand_where_they_are_seen():
     Plan.mark(plan, np.array([[1.0, 2.0, 3.0], [4.0, 5.0, -6.0], [7.0, 8.0, 9.0]]), "s")
     ((x, y, marker),) = drawn
     assert (x.tolist(), y.tolist(), marker) == ([2.0, 14.0], [4.0, 16.0], "s")
+
+
+def test_arrows_of_volume_forces_are_of_one_length():
+    """From the middles of bodies along their forces, whatever these are: a small part of the picture's width."""
+    drawn: list[tuple] = []
+    plan = SimpleNamespace(size=50.0, arrows=lambda *given: drawn.append(given[:2]))
+    nodal = np.array([[[0.0, -1e-3], [0.0, -3e-3]], [[1e4, 4e4], [2e4, 0.0]]])  # of two nodes each
+    bodies = [SimpleNamespace(loads=[("top", f[::-1] ** 2), (VOLUME, f)]) for f in nodal]
+    inside = np.array([[1.0, 2.0], [3.0, 4.0]])
+    assert _point_weights(plan, bodies, inside)
+    tails, along = (np.concatenate(each) for each in zip(*drawn, strict=True))
+    length = np.linalg.norm(along, axis=1)
+    assert tails.tolist() == inside.tolist()
+    assert along / length[:, None] == pytest.approx(np.array([[0.0, -1.0], [0.6, 0.8]]), abs=1e-9)
+    assert length[0] == pytest.approx(length[1]) and 0.02 < length[0] / plan.size < 0.2
 
 
 ON_A_PLANE = {

@@ -15,9 +15,10 @@ import ddmpi
 from ddmpi.check import draft
 from ddmpi.check.bolts import Bolt, find_bolts, is_of_shank
 from ddmpi.check.check import check
-from ddmpi.check.nearby import Boundary, find_missing
+from ddmpi.check.nearby import Boundary, Missing, find_missing
 from ddmpi.errors import InputError, NotConvergedError
 from ddmpi.mesh.build import kind_of_files
+from ddmpi.mesh.mesh import Face
 from ddmpi.scene.reader import read_scene_file
 from meshes import cad, mesh_of
 
@@ -133,6 +134,48 @@ def test_bolts_are_found_by_their_faces(tmp_path, draw: Callable, parts, expecte
             if bolt.along is not None:
                 assert np.allclose(bolt.along, way * axis, atol=1e-6)
         assert contacts is None or sorted(map(sorted, others)) == sorted(map(sorted, contacts))
+
+
+def turned(radius: float, low: float, high: float, out: float = -1.0) -> Boundary:
+    """A body around z with a hole of a radius, or a pin where its normal points `out`, and both ends: a facet of each."""
+    ends = ((0.0, 0.0, low), (0.0, 0.0, high))
+    faces = {name: Face("plane", 0.0, 1.0, ()) for name in ("below", "above")}
+    faces["side"] = Face("cylinder", radius, 1.0, (), axis=ends)
+    across = [[[radius, 0.0, z], [radius + 1.0, 0.0, z], [radius, 1.0, z]] for z in (low, high)]
+    along = [[radius, 0.0, low], [radius, 0.1, high], [radius, -0.1, high]]
+    normal = np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0], [out, 0.0, 0.0]])
+    groups = {name: np.arange(3) == k for k, name in enumerate(faces)}
+    return Boundary(np.arange(9).reshape(3, 3), np.array([*across, along]), normal, groups, faces)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "expected"),
+    [
+        ("plate", "plate", ["low", "high"]),
+        ("floor", "roof", []),
+        ("plate", "roof", []),
+        ("floor", "plate", []),
+    ],
+)
+def test_two_nuts_on_a_rod_clamp_what_is_between_them(low, high, expected):
+    """Both bear on it, and one of them is pulled towards the other. Nuts that bear on what is beyond them are no bolts."""
+    bodies = {
+        "rod": turned(3.0, -9.0, 17.0, out=1.0),
+        "floor": turned(3.3, -8.0, -5.0),
+        "low": turned(3.0, -5.0, 0.0),
+        "plate": turned(3.3, 0.0, 8.0),
+        "high": turned(3.0, 8.0, 13.0),
+        "roof": turned(3.3, 13.0, 16.0),
+    }
+    touching = [
+        Missing(pair, ("above", "below"), np.empty((0, 3, 3)), (0.0, 0.0))
+        for pair in zip(bodies, [*bodies][1:], strict=False)
+        if {*pair} in ({low, "low"}, {high, "high"})
+    ]
+    assert len(touching) == 2
+    found = find_bolts(bodies, touching)
+    assert [bolt.bodies for bolt in found] == [(nut, "rod") for nut in expected]
+    assert [bolt.pretension for bolt in found] == [{"along": [0.0, 0.0, 1.0]}, None][: len(found)]
 
 
 @pytest.mark.slow
