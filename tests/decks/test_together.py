@@ -859,14 +859,17 @@ def test_a_body_that_touches_itself(tmp_path):
     assert moved[0] == pytest.approx(moved[1], rel=1e-8)
 
 
-def sector(wheel: str, name: str = "T") -> str:
-    """A quarter of a ring from 1 to 2 under a pressure of 5 inside, whose flanks are tied to their images."""
-    lines, nodes = grid("A", (1, 6, 1), (1.0, 1.0, 0.5)).split("\n"), True
+def sector(
+    wheel: str, name: str = "T", cells: int = 6, turn: float = 90.0, swept: float = 0.0
+) -> str:
+    """A quarter of a ring from 1 to 2 under a pressure of 5 inside, whose flanks are tied to their images; or a sector of
+    another angle, whose outside is `swept` forwards by an angle (degrees)."""
+    lines, nodes = grid("A", (1, cells, 1), (1.0, 1.0, 0.5)).split("\n"), True
     for k, line in enumerate(lines[1:], 1):
         nodes &= not line.startswith("*")
         if nodes:
             node, x, y, z = line.split(", ")
-            r, angle = 1.0 + float(x), 0.5 * np.pi * float(y)
+            r, angle = 1.0 + float(x), np.radians(turn * float(y) + swept * float(x))
             lines[k] = f"{node}, {r * np.cos(angle)!r}, {r * np.sin(angle)!r}, {z}"
     flanks = "".join(f"*SURFACE, TYPE=NODE, NAME=Y{k}\nA_Y{k}\n" for k in (0, 1))
     tie = f"*TIE, NAME={name}, CYCLIC SYMMETRY\nY1, Y0\n{wheel}"
@@ -890,6 +893,14 @@ def test_a_cyclic_tie_is_an_image(tmp_path):
     assert found["image"] == {"turn": 90.0, "sectors": 4}
     back = sector(WHEEL).replace("Y1, Y0", "Y0, Y1")
     assert imported(tmp_path, back)[0]["contact"][0]["image"]["turn"] == -90.0
+
+
+def test_a_swept_flank_is_turned_onto_the_other_one(tmp_path):
+    """By the middles of all nodes of both: a sector of one element and 4 degrees, whose outer nodes are 40 degrees ahead
+    of the inner ones. Without one of its four nodes the middle of a flank would be beyond that of the other flank."""
+    deck = sector(WHEEL.replace("N=4", "N=90"), cells=1, turn=4.0, swept=40.0)
+    for one, turn in ((deck, 4.0), (deck.replace("Y1, Y0", "Y0, Y1"), -4.0)):
+        assert imported(tmp_path, one)[0]["contact"][0]["image"]["turn"] == turn
 
 
 @pytest.mark.parametrize(

@@ -64,14 +64,15 @@ def test_pictures_show_the_step_of_the_largest_factor_whatever_its_sign():
 
 
 def test_a_node_that_touches_ahead_slides_no_more_than_its_step():
-    """The touching-time correction foresees one step: what touches later begins no later than that."""
-    law = CoulombLaw(2, np.arange(2), 1, np.array([0.3, 0.4]))
-    closed = np.array([-0.2, -5.0, 0.11, -0.06])  # gaps of 0.2 and 5
-    rate = np.array([0.5, 0.5, 0.3, 0.3])  # both close by 0.5 in a step
-    assert touching(law, np.zeros(4), closed, rate, 0.7) == pytest.approx([0.4, 0.7])
+    """The touching-time correction foresees one step: what touches later begins no later than that, and what stands
+    still touches nothing."""
+    law = CoulombLaw(3, np.arange(3), 1, np.array([0.3, 0.4, 0.2]))
+    closed = np.array([-0.2, -5.0, -0.7, 0.11, -0.06, 0.09])  # gaps of 0.2, 5 and 0.7
+    rate = np.array([0.5, 0.5, 0.0, 0.3, 0.3, 0.0])  # two of them close by 0.5 in a step
+    assert touching(law, np.zeros(6), closed, rate, 0.7) == pytest.approx([0.4, 0.7, 0.0])
     # its slip counts from where it will have gone by then
-    start = slip_start(law, np.zeros(4), closed, rate, 0.7)
-    assert start == pytest.approx([0.0, 0.0, 0.11 + 0.12, -0.06 + 0.21])
+    start = slip_start(law, np.zeros(6), closed, rate, 0.7)
+    assert start == pytest.approx([0.0, 0.0, 0.0, 0.11 + 0.12, -0.06 + 0.21, 0.09])
 
 
 def test_a_free_shift_goes_along_the_axes_of_the_world():

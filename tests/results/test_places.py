@@ -36,13 +36,16 @@ def test_no_value_has_no_place():
 
 
 def test_places_of_several_bodies_do_not_depend_on_their_order():
-    """The summary's place, and the body that the log names, of two that move equally far."""
+    """The summary's place, and the body that the log names, of two that move equally far but for rounding either way;
+    others have not moved, or are not computed."""
     one = {"moved": 3.0, "moved_at": [2.0, 0.0]}
-    other = {"moved": 3.0 * (1 + 1e-12), "moved_at": [1.0, 0.0]}
-    still = {"moved": 0.0, "moved_at": None}
-    for entries in ({"a": one, "b": other, "c": still}, {"c": still, "b": other, "a": one}):
-        assert place_of_all(entries.values(), "moved").tolist() == [1.0, 0.0]
-        assert largest(entries, "moved")[1] == "b"
+    still, unknown = {"moved": 0.0, "moved_at": None}, {"moved": None, "moved_at": None}
+    for rounding in (1e-12, -1e-12):
+        other = {"moved": 3.0 * (1 + rounding), "moved_at": [1.0, 0.0]}
+        entries = {"a": one, "b": other, "c": still, "d": unknown}
+        for some in (entries, dict(reversed(entries.items()))):
+            assert place_of_all(some.values(), "moved").tolist() == [1.0, 0.0]
+            assert largest(some, "moved") == (other["moved"], "b")
     assert where(other, "moved") == "(1, 0)"
     assert where(still, "moved") == ""
 
