@@ -299,6 +299,15 @@ HALF = "*EQUATION\n" + "".join(
     f"2\n{19 + n}, {k}, 1., {101 + n}, {k}, -1.\n" for n in range(5) for k in (1, 2, 3)
 )
 
+# at one side supports move the two parts by unlike displacements, and the pairs there say nothing of these
+MOVED = "*EQUATION\n" + "".join(
+    f"2\n{19 + n}, {k}, 1., {101 + n}, {k}, -1.\n"
+    for n in range(9)
+    for k in (1, 2, 3)
+    if k > 1 or n % 3 < 2
+)
+MOVED = halves(MOVED).replace("*CLOAD", "*BOUNDARY\nA_X1, 1, 1, 0.01\nB_X1, 1, 1, 0.02\n*CLOAD")
+
 
 @pytest.mark.parametrize(
     ("deck", "words"),
@@ -308,6 +317,7 @@ HALF = "*EQUATION\n" + "".join(
         (halves(equal("A_Z1", "B_Z0", [2, 3])), "those of no tie, shift or turn"),
         (halves(HALF), "pairs of nodes that are no whole faces"),
         (halves(equal("A_Z1", "B_Z1").replace("B_Z1", "B_X1")), "no whole faces"),
+        (MOVED, "those of no tie, shift or turn"),
         (COLUMNS + equal("A_Z1", "900", [1]) + step(), "not along all axes or the normal"),
         (COLUMNS + equal("A_Z1", "900", [1, 3]) + step(), "not along all axes or the normal"),
         (COLUMNS + equal("A_Z1", "900", [3], -2.0) + step(), "not equal along one axis"),
@@ -359,7 +369,7 @@ HALF = "*EQUATION\n" + "".join(
     ],
 )
 def test_other_equations_are_refused_by_line(tmp_path, deck, words):
-    """Unlike coefficients, a part of a face, a node twice, nodes on an axis, and what no scene has."""
+    """Unlike coefficients, parts of faces, sides moved apart, a node twice, nodes on an axis, and what no scene has."""
     message = refused(tmp_path, deck)
     assert words in message
     assert re.search(r"line.* \d+.*: \*(EQUATION|MPC): ", message)

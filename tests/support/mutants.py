@@ -6432,6 +6432,13 @@ EQUIVALENT = [
             "form.normal) >= WITHIN)",
             "Distances of normals are real numbers, and the limit is far from their rounding and from those of other faces.",
         ),
+        (
+            "the last static step may be one after it",
+            "decks/model",
+            "elif k > static[-1] and",
+            "elif k >= static[-1] and",
+            "The branch is of steps that are not static, and the last static one is none of them.",
+        ),
     )
 ]
 """Changed lines that change no answer and no promise: in place of `tests` the reason. No test need find them."""
