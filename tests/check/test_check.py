@@ -612,6 +612,20 @@ def test_a_body_on_the_middle_of_a_large_facet_is_found():
         }
 
 
+def test_the_ends_of_an_open_ring_face_each_other():
+    """A contact of a body with itself is missing, with the gap of the ends; it is not where the scene has it."""
+    ring = {"center": (3.0, -1.0), "radii": (5.0, 6.0), "angles": (0.0, 359.0)}
+    mesh = mesh_of(shape="annulus", divisions=(90, 2), **ring)
+    some = {"ring": Boundary.of(mesh)}
+    (missing,) = find_missing(some, [], [])
+    assert missing.bodies == ("ring", "ring") and {*missing.on} == {"start", "end"}
+    # from the middles of the facets of one end to the nearest points of the other, along the normals of the first
+    across = np.sin(np.radians(1.0)) * np.cos(np.radians(1.0))
+    assert missing.gap == pytest.approx((5.25 * across, 5.75 * across), rel=1e-9)
+    contact = SimpleNamespace(bodies=("ring", "ring"), on=("end", "start"))
+    assert not [*find_missing(some, [], [contact])]
+
+
 def test_the_least_and_the_largest_gap_of_a_missing_contact():
     """A block over a plane, whose bottom rises: gaps are those of the middles of its facets, along their normals."""
     corners = ((0.0, 0.01), (1.0, 0.05), (1.0, 1.0), (0.0, 1.0))

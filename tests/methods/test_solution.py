@@ -145,6 +145,23 @@ def test_what_is_hopeless_leaves_more_than_the_tolerance(monkeypatch, tolerance)
     assert asked == [tolerance]
 
 
+def test_what_double_precision_makes_of_displacements_where_nodes_are_open():
+    """By body ε ‖C‖ ‖s‖ / ‖C s‖, with C column by column; forces of open nodes are zero."""
+    assembly = scenes.prepare_scene(MPI.COMM_SELF, scenes.pinched_blocks(3))
+    iteration = Iteration(assembly, assembly.scene.method, no_report, Clock())
+    iteration.solve(None)
+    expected = {}
+    for body, s in zip(assembly.bodies, iteration.outer.body_forces(), strict=True):
+        columns = np.eye(body.member.size)
+        C = np.zeros_like(columns)
+        for unit, column in zip(columns, C, strict=True):
+            body.member.mult(unit, column, "certificate")
+        assert not s.all()
+        size = np.linalg.norm(C, 2) * np.linalg.norm(s)
+        expected[body.spec.name] = np.finfo(float).eps * size / np.linalg.norm(C @ s)
+    assert iteration._rounding() == pytest.approx(expected, rel=1e-3, abs=0.0)
+
+
 @pytest.mark.parametrize(("begin", "given"), [(0.0, 5.0), (1.0, 0.0)])
 def test_energy_that_loads_give_at_once_is_that_of_the_first_leg(begin, given):
     """What friction may dissipate beyond the work of contacts: a load that acts at once gives some, at time 0 alone."""

@@ -4,13 +4,15 @@ import meshio
 import numpy as np
 import pytest
 from scenes import FLOOR, Run, certified, pinched_blocks, rectangle, run_here, write_scene
+from scipy import sparse
 from solid_scenes import box
 
 from ddmpi.interface.interface import Lines
 from ddmpi.mesh.elements import facet_measures
-from ddmpi.results.fields import by_kind, contact_fields, drawn_facets
+from ddmpi.results.fields import by_kind, contact_fields, drawn_facets, shared_out
 from ddmpi.results.tables import write_contact
 from ddmpi.results.xdmf import write_surface
+from ddmpi.surface.outline import Outline
 
 
 def surface(answer, name: str, folder) -> tuple[np.ndarray, np.ndarray, np.ndarray, object]:
@@ -266,3 +268,17 @@ def test_cells_of_several_kinds_among_each_other():
     ]
     filled = np.vstack([np.arange(8), [*range(4), -1, -1, -1, -1]])
     assert [own.shape for _, _, own in by_kind(filled, 3)] == [(1, 4), (1, 8)]
+
+
+def test_forces_go_to_points_by_share_and_measure():
+    """Of a row with two points of unlike cells, of one with a negative share, and of one whose point is of no cell."""
+    xy, cells = (
+        np.array([[0.0, 0.0], [1.0, 0.0], [4.0, 0.0], [9.0, 0.0]]),
+        np.array([[0, 1], [1, 2]]),
+    )
+    shares = np.array([[1.0, 0.0, 0.0], [0.5, 0.5, 0.0], [-0.25, 1.25, 0.0], [0.0, 0.0, 1.0]])
+    forces = np.array([[2.0, -6.0], [3.0, 1.0], [5.0, 7.0]])
+    found = shared_out(Outline(xy, cells, sparse.csr_matrix(shares)), forces)
+    # lengths of the cells at the points are 1, 4, 3
+    weights = np.array([[1.0, 0.0, 0.0], [2.0, 2.0, 0.0], [0.0, 3.75, 0.0], [0.0, 0.0, 1.0]])
+    assert found == pytest.approx(weights / weights.sum(axis=0) @ forces, rel=1e-12)
