@@ -129,7 +129,7 @@ def _called(gmsh, side: int, script: bool, taken: Collection[str]) -> Tagged:
     but for a `script`, the last parts of their labels; names that are `taken` are left out."""
     tagged = Tagged()
     for k, tag in gmsh.model.getEntities():
-        if k > side:
+        if k > side or (k == side and _is_apart(gmsh, k, tag)):
             continue
         number = str(tag) if k == side else f"{PHYSICAL[k].split()[1]} {tag}"
         spoken = "" if script else gmsh.model.getEntityName(k, tag).split("/")[-1]
@@ -261,11 +261,22 @@ def _normal(gmsh, k: int, tag: int) -> np.ndarray:
     place, at = _inside(gmsh, 2, tag)
     normal = np.array(gmsh.model.getNormal(tag, place))
     off = SAME_PLACE * extent(gmsh) * normal
-    solids = gmsh.model.getAdjacencies(2, tag)[0]
-    # a script may draw others beside those that it names as the body
-    named = [solid for solid in solids if len(gmsh.model.getPhysicalGroupsForEntity(3, solid))]
-    inward = any(gmsh.model.isInside(3, solid, at + off) for solid in named or solids)
+    inward = any(gmsh.model.isInside(3, solid, at + off) for solid in _bounded(gmsh, 2, tag))
     return -normal if inward else normal
+
+
+def _bounded(gmsh, k: int, tag: int) -> list[int]:
+    """The solids of the body that a face bounds, or the surfaces that a curve does: of those that a script names, if it
+    names any."""
+    beside = gmsh.model.getAdjacencies(k, tag)[0].tolist()
+    if not gmsh.model.getPhysicalGroups(k + 1):
+        return beside
+    return [one for one in beside if len(gmsh.model.getPhysicalGroupsForEntity(k + 1, one))]
+
+
+def _is_apart(gmsh, k: int, tag: int) -> bool:
+    """Whether a face or a curve bounds solids or surfaces, none of which is of the body."""
+    return bool(len(gmsh.model.getAdjacencies(k, tag)[0])) and not _bounded(gmsh, k, tag)
 
 
 def _axis(gmsh, k: int, tag: int) -> np.ndarray:
@@ -308,6 +319,8 @@ def _fits(gmsh, form: Form, side: int) -> Iterator[_Fit]:
     point = gmsh.model.occ.addPoint(*at)
     try:
         for _, tag in gmsh.model.getEntities(side):
+            if _is_apart(gmsh, side, tag):
+                continue
             unlike = form.kind not in (_kind(gmsh, side, tag), WHAT[side])
             radius = _radius(gmsh, side, tag)
             axis = _axis(gmsh, side, tag)

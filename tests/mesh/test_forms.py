@@ -155,17 +155,27 @@ def test_a_point_on_the_axis_means_all_around_it(tmp_path):
     assert area(mesh, half) == pytest.approx(4 * np.pi, rel=1e-4)
 
 
-@pytest.mark.parametrize("body", [1, 2])
-def test_a_face_between_two_solids_has_the_normal_of_the_body(tmp_path, body):
-    """Of a script that draws two boxes with a common face, and names one of them as the body: the normal leads out of it."""
-    script = f"""SetFactory("OpenCASCADE"); Box(1) = {{0, 0, 0, 2, 2, 1}}; Box(2) = {{0, 0, 1, 2, 2, 1}};
-BooleanFragments{{ Volume{{1, 2}}; Delete; }}{{ }} Physical Volume("body") = {{{body}}};
-Physical Surface("end") = {{Surface In BoundingBox{{-1, -1, {2 * body - 2.1}, 3, 3, {2 * body - 1.9}}}}};"""
-    geo = write(tmp_path / "boxes.geo", script)
-    outer = f"plane n=(0, 0, {3 - 2 * body}) at (1, 1, 1)"
-    mesh = drawn(geo, size=2.0, clamp=[outer])
+TWO_BOXES = """SetFactory("OpenCASCADE"); Box(1) = {0, 0, 0, 2, 2, 1}; Box(2) = {0, 0, 1, 2, 2, 1};
+BooleanFragments{ Volume{1, 2}; Delete; }{ }
+"""
+
+
+@pytest.mark.parametrize(
+    ("body", "named"), [(1, True), (2, False), seldom(2, True), seldom(1, False)]
+)
+def test_a_face_between_two_solids_has_the_normal_of_the_body(tmp_path, body, named):
+    """Of two boxes with a common face, one of which the script names as the body, or the scene as its part: the normal
+    leads out of it, and faces of the other box alone are none of the body's."""
+    told, part = (f'Physical Volume("body") = {{{body}}};', {}) if named else ("", {"part": body})
+    geo = write(tmp_path / "boxes.geo", TWO_BOXES + told)
+    up = 3 - 2 * body
+    outer, end = f"plane n=(0, 0, {up}) at (1, 1, 1)", f"plane at (1, 1, {1 - up})"
+    mesh = drawn(geo, size=2.0, clamp=[outer, end], **part)
     assert mesh.points[:, 2].mean() == pytest.approx(body - 0.5, abs=0.1)
-    assert area(mesh, outer) == pytest.approx(4.0)
+    assert [area(mesh, on) for on in (outer, end)] == pytest.approx([4.0, 4.0])
+    for wrong in (f"plane n=(0, 0, {-up}) at (1, 1, 1)", f"plane at (1, 1, {1 + up})"):
+        with pytest.raises(InputError, match="has no face"):
+            drawn(geo, size=2.0, clamp=[wrong], **part)
 
 
 def test_curves_of_plane_drawings(tmp_path):
