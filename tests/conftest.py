@@ -86,13 +86,14 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: object) -> object:
-    """With -n of pytest-xdist, files are shared out whole, and tests on as many ranks, which share an mpirun."""
+    """With -n of pytest-xdist, files are shared out whole, but for tests on as many ranks, which share an mpirun. Others
+    whose first parameter is such a number go with them: no harm is done."""
     from xdist.scheduler import LoadScopeScheduling
 
     class Whole(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
             file, _, name = nodeid.partition("::")
-            ranks = re.search(r"\[(\d)[-\]]", name)  # or another number: no harm is done
+            ranks = re.search(r"\[(\d)[-\]]", name)
             return f"on {ranks[1]}" if ranks else file
 
     return Whole(config, log)
@@ -205,7 +206,7 @@ class Together:
     and so did one in which the mpirun ended without a word.
     """
 
-    MANY = 40
+    MANY = 100
     """So many tests have twice the time limit of one."""
 
     def __init__(self, run: Runner) -> None:
@@ -249,7 +250,8 @@ class Together:
             patch.setenv("PYTEST_ADDOPTS", f"{options} {shlex.join(item.nodeid for item in items)}")
             plugin, limit = self.run.__self__, "_mpi_default_test_timeout"
             patch.setattr(plugin, limit, getattr(plugin, limit) * (1 + len(items) / self.MANY))
-            if bar := items[0].config.pluginmanager.get_plugin("bar"):
+            bar = items[0].config.pluginmanager.get_plugin("bar")
+            if bar and len(items) > 1:
                 bar.tell(f"{len(items)} tests on {ranks_of(items[0])} ranks")
             for report in self.run(items[0]) if len(items) > 1 else []:
                 self.found[named(report).nodeid].append(report)
@@ -313,12 +315,6 @@ def settled() -> None:
     """What there is before a file of tests is no garbage. Each solve collects garbage, and would look at all modules
     and tests every time: most of the time of small ones."""
     gc.collect()
-    gc.freeze()
-
-
-@pytest.fixture(autouse=True)
-def frozen() -> None:
-    """The same of what there is before a test: each solve has collected what it left."""
     gc.freeze()
 
 

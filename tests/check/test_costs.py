@@ -77,8 +77,7 @@ def test_costs_grow_as_laws_say():
     assert large.seconds["mesh"] == (1.0, 1.0, 1.0) and large.seconds["assembly"][0] == 2.0
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("compliance", ["explicit", "direct", "iterative"])
+@pytest.mark.parametrize("compliance", [seldom("explicit"), "direct", seldom("iterative")])
 def test_alike_bodies_cost_one_solver(compliance):
     """Seven boxes, of which five inner ones are alike, and seven of unlike materials: a run makes three and seven solvers;
     multigrid is made for each body."""

@@ -299,7 +299,7 @@ HALF = "*EQUATION\n" + "".join(
     f"2\n{19 + n}, {k}, 1., {101 + n}, {k}, -1.\n" for n in range(5) for k in (1, 2, 3)
 )
 
-# at one side supports move the two parts by unlike displacements, and the pairs there say nothing of these
+# at one side supports move the two parts, and the pairs there say nothing of that
 MOVED = "*EQUATION\n" + "".join(
     f"2\n{19 + n}, {k}, 1., {101 + n}, {k}, -1.\n"
     for n in range(9)

@@ -897,7 +897,7 @@ def test_a_cyclic_tie_is_an_image(tmp_path):
 
 def test_a_swept_flank_is_turned_onto_the_other_one(tmp_path):
     """By the middles of all nodes of both: a sector of one element and 4 degrees, whose outer nodes are 40 degrees ahead
-    of the inner ones. Without one of its four nodes the middle of a flank would be beyond that of the other flank."""
+    of the inner ones. Without its first node the middle of a flank would be beyond that of the other flank."""
     deck = sector(WHEEL.replace("N=4", "N=90"), cells=1, turn=4.0, swept=40.0)
     for one, turn in ((deck, 4.0), (deck.replace("Y1, Y0", "Y0, Y1"), -4.0)):
         assert imported(tmp_path, one)[0]["contact"][0]["image"]["turn"] == turn

@@ -28,6 +28,7 @@ from ddmpi.interface.interface import Geometry, Interface, Places
 from ddmpi.interface.law import CoulombLaw
 from ddmpi.judge.diagnosis import StatusLog, diagnose
 from ddmpi.methods.half_space import HalfSpace, Model
+from ddmpi.methods.krylov import forcing
 from ddmpi.methods.newton import Newton
 from ddmpi.methods.paths import InteriorPoints, Softening
 from ddmpi.scene.method import Method
@@ -425,6 +426,24 @@ def test_diagnosis(stopped, factor, keys, words, unsaid):
     """What was seen, how many iterations it would take, which nodes change, that answers need not be unique."""
     text = diagnosis(stopped, history(factor), **keys)
     assert all(each in text for each in words) and not any(each in text for each in unsaid)
+
+
+@pytest.mark.parametrize(
+    "residuals, in_space, wanted",
+    [
+        ([], True, 1e-3),
+        ([0.2], True, 1e-2),
+        ([0.2, 0.1], True, 1e-2),
+        ([0.2, 0.4], True, 1e-3),
+        ([0.0, 0.1], True, 1e-3),
+        ([0.2, 0.014], True, 0.9 * 0.07**2),
+        ([0.2, 0.002], True, 1e-3),
+        ([0.2, 0.1], False, 1e-3),
+    ],
+)
+def test_gmres_is_as_precise_as_steps_are_good(residuals, in_space, wanted):
+    """Less precise after a step that gained little, but not the first one, and not in the plane."""
+    assert forcing(residuals, in_space) == pytest.approx(wanted, rel=1e-12)
 
 
 def test_forces_that_stay_and_precision_that_is_reached_are_told():

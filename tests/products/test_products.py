@@ -1,7 +1,9 @@
 """Every feature in every kind of scene: what the program promises of them, by statics, closed forms and Hooke's law."""
 
 import functools
+import gc
 import json
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -51,6 +53,19 @@ def said_otherwise() -> list:
             marks = [] if j == quick and k % 2 == 0 else pytest.mark.slow
             found.append(pytest.param(name, kind, marks=marks))
     return found
+
+
+@pytest.fixture(scope="module", autouse=True)
+def thawed() -> Iterator[None]:
+    """What the scenes have left frozen is garbage like any other afterwards."""
+    yield
+    gc.unfreeze()
+
+
+@pytest.fixture(autouse=True)
+def little_garbage() -> None:
+    """What is there before a scene is not looked at after it: each has collected what it left."""
+    gc.freeze()
 
 
 def as_promised(answer, case: Case, kind: Kind, seen: Seen) -> None:

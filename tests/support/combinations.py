@@ -49,7 +49,7 @@ def main() -> None:
     )
     for words, count in refused.most_common():
         print(f"    {count:5}  {words}")
-    print("Tests ask of them (in the quick suite)")
+    print("Cases of the tests (in the quick suite)")
     for name, test in vars(test_products).items():
         if name.startswith("test_"):
             every, quick = cases_of(test, len(FEATURES))

@@ -18,7 +18,7 @@ AT_THE_END = ("force", "moment", "normal_force", "tangential_force", "open", "sl
 def within(found: Any, expected: Any, off: Any, what: str) -> None:
     """What is found is off by at most so much. `pytest.approx` takes a tenth of the time of small scenes."""
     found, expected = np.asarray(found, float), np.asarray(expected, float)
-    assert found.shape == expected.shape, what
+    assert found.shape == expected.shape and np.isfinite(expected).all(), what
     assert (np.abs(found - expected) <= off).all(), f"{what}: {found} is not {expected}"
 
 

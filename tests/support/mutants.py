@@ -4345,6 +4345,13 @@ MUTANTS = [
             DIFFERENCES,
         ),
         (
+            "linear problems are solved as loosely as the last step gained",
+            "methods/krylov",
+            "max(SHARE * (left / before) ** 2, FORCING)",
+            "max((left / before) ** 2, FORCING)",
+            "methods/test_newton.py::test_gmres_is_as_precise_as_steps_are_good",
+        ),
+        (
             "a linear problem without an end is taken for solved",
             "methods/krylov",
             "elif reason < 0:",
@@ -6445,13 +6452,6 @@ EQUIVALENT = [
             "np.linalg.det(way) < 0",
             "np.linalg.det(way) <= 0",
             "The ways are permutations of axes, whose determinants are 1 and -1.",
-        ),
-        (
-            "Newton's linear problems are solved as loosely as the last step gained",
-            "methods/krylov",
-            "max(SHARE * (left / before) ** 2, FORCING)",
-            "max((left / before) ** 2, FORCING)",
-            "How precisely a step is solved decides how many steps there are; tolerance and certificate judge their end.",
         ),
     )
 ]
