@@ -13,6 +13,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -103,7 +104,7 @@ def pytest_sessionstart(session: pytest.Session) -> None:
     """Tests on several ranks share an mpirun and report under their own names."""
     for plugin in session.config.pluginmanager.get_plugins():
         if run := getattr(plugin, "_mpi_runtestprotocol", None):
-            plugin._mpi_runtestprotocol = Together(run)
+            plugin._mpi_runtestprotocol = Together(plugin, run)
             plugin._mpi_runtestprococol_inner = Kept(plugin._mpi_runtestprococol_inner)
 
 
@@ -143,6 +144,7 @@ class Bar:
         self.tell(nodeid.partition("::")[0])
 
     def tell(self, where: str) -> None:
+        """Write the line, with what runs or has ended."""
         part = self.done / max(self.total, 1)
         failed = f", {self.failed} failed" if self.failed else ""
         bar = "#" * round(part * self.WIDTH)
@@ -209,7 +211,8 @@ class Together:
     MANY = 100
     """So many tests have twice the time limit of one."""
 
-    def __init__(self, run: Runner) -> None:
+    def __init__(self, plugin: Any, run: Runner) -> None:
+        self.plugin = plugin
         self.run = run
         self.found: dict[str, list[pytest.TestReport]] = {}
         self.done: set[str] = set()
@@ -248,8 +251,8 @@ class Together:
             contextlib.suppress(EOFError, pickle.UnpicklingError),
         ):
             patch.setenv("PYTEST_ADDOPTS", f"{options} {shlex.join(item.nodeid for item in items)}")
-            plugin, limit = self.run.__self__, "_mpi_default_test_timeout"
-            patch.setattr(plugin, limit, getattr(plugin, limit) * (1 + len(items) / self.MANY))
+            limit = self.plugin._mpi_default_test_timeout * (1 + len(items) / self.MANY)
+            patch.setattr(self.plugin, "_mpi_default_test_timeout", limit)
             bar = items[0].config.pluginmanager.get_plugin("bar")
             if bar and len(items) > 1:
                 bar.tell(f"{len(items)} tests on {ranks_of(items[0])} ranks")

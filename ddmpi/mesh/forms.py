@@ -126,7 +126,7 @@ def name_sides(gmsh, script: bool, asked: Collection[str], label: str) -> Faces:
 
 def _called(gmsh, side: int, script: bool, taken: Collection[str]) -> Tagged:
     """The numbers of points, curves and faces up to the dimension `side`, by name and dimension: their own numbers and,
-    but for a `script`, the last parts of their labels; names that are `taken` are left out."""
+    but for a `script`, the last parts of their labels; names that are `taken` are left out, and faces of other solids."""
     tagged = Tagged()
     for k, tag in gmsh.model.getEntities():
         if k > side or (k == side and _is_apart(gmsh, k, tag)):

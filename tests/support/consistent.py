@@ -12,28 +12,31 @@ from typing import Any
 import numpy as np
 import pytest
 
+ROUNDING = 1e-6
+"""A part of a number that is rounding."""
+
 AT_THE_END = ("force", "moment", "normal_force", "tangential_force", "open", "slip", "stick")
 
 
 def within(found: Any, expected: Any, off: Any, what: str) -> None:
-    """What is found is off by at most so much. `pytest.approx` takes a tenth of the time of small scenes."""
+    """What is found is off by at most so much. Not by `pytest.approx`, which takes a tenth of the time of small scenes."""
     found, expected = np.asarray(found, float), np.asarray(expected, float)
     assert found.shape == expected.shape and np.isfinite(expected).all(), what
     assert (np.abs(found - expected) <= off).all(), f"{what}: {found} is not {expected}"
 
 
 def close(found: Any, expected: Any, size: float, what: str) -> None:
-    """Beside `size` 1e-6 is rounding."""
-    within(found, expected, 1e-6 * np.maximum(np.abs(expected), size), what)
+    """Beside `size` a part of ROUNDING counts for nothing."""
+    within(found, expected, ROUNDING * np.maximum(np.abs(expected), size), what)
 
 
-def assert_consistent(answer: Any, left: float = 1e-6) -> None:
+def assert_consistent(answer: Any, left: float = ROUNDING) -> None:
     """Of an answer in one process; `left` is what forces and moments may leave of balance.
 
     More than rounding is left where gaps and curved sides are lever arms, and where a motion is held. With rounding alone,
     as in the matrix, nothing is excused.
     """
-    sharp = left <= 1e-6
+    sharp = left <= ROUNDING
     counts(answer, sharp)
     for name, contact in answer.contacts.items():
         of_table(answer.summary, name, contact.table())
@@ -226,9 +229,8 @@ def gaps(answer: Any, name: str, table: np.ndarray, sharp: bool) -> None:
     across = np.einsum("md,md->m", apart, normal)
     close(table["gap"], across + gap, size, "gap")
     slip = np.linalg.norm(apart - across[:, None] * normal, axis=1)
-    slides = sharp | (
-        table["slip_total"] != 0.0
-    )  # none is told of a node that is held on an inclined plane
+    # none is told of a node that is held on an inclined plane
+    slides = (table["slip_total"] != 0.0) | sharp
     close(np.abs(table["slip_total"][slides]), slip[slides], size, "slip")
 
 
@@ -301,7 +303,7 @@ def balances(summary: dict, reach: dict[str, float], left: float) -> None:
     scene, contacts = summary["scene"], summary["contacts"]
     axis = summary["scene"]["axisymmetric"]
     partners = {one["name"]: one["bodies"] for one in scene["contact"]}
-    sharp = left <= 1e-6
+    sharp = left <= ROUNDING
     images = [one["bodies"] for one in scene["contact"] if one["image"] and not sharp]
     turned = {name for bodies in images for name in bodies}
     free = not sharp and (summary["held_motions"] or moves_far(summary))
@@ -337,7 +339,7 @@ def balances(summary: dict, reach: dict[str, float], left: float) -> None:
                 if who == name:
                     force = force + sign * np.array(contacts[one]["force"])
                     moment = moment + sign * np.array(contacts[one]["moment"])
-        size = 1e6 * left * size
+        size = left / ROUNDING * size
         close(force, 0.0 * force, size, f"balance of {name}")
         if not free:
             close(moment, 0.0 * moment, size * (1.0 + reach[name]), f"moments of {name}")
